@@ -1,0 +1,70 @@
+//! What goes into the engine and what comes out: closed enums, owned data.
+
+use crate::Frame;
+use earthshine_world::{Camera, Chunk, ChunkId, LightRig};
+use std::sync::Arc;
+
+/// One client's view of the world; given out by the shell, never reused in a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct SessionId(pub u64);
+
+/// Something that happened outside.
+#[derive(Debug, Clone)]
+pub enum Event {
+    /// A client arrived. Nothing is loaded for it before its first camera.
+    SessionOpened {
+        /// Its name from now on.
+        session: SessionId,
+    },
+    /// A client left; its local set goes.
+    SessionClosed {
+        /// Who.
+        session: SessionId,
+    },
+    /// A camera moved. Invalid cameras are ignored and counted.
+    Camera {
+        /// Whose.
+        session: SessionId,
+        /// Where to, and how fast.
+        camera: Camera,
+    },
+    /// A client changed its lights. Invalid rigs are ignored and counted.
+    Lights {
+        /// Whose.
+        session: SessionId,
+        /// All of them; what is not listed is off.
+        lights: LightRig,
+    },
+    /// A requested tile is here, verified and decoded.
+    TileDecoded {
+        /// What it held.
+        chunk: Arc<Chunk>,
+    },
+    /// A requested tile could not be had.
+    TileFailed {
+        /// Which.
+        chunk: ChunkId,
+        /// Why, for people.
+        cause: String,
+    },
+}
+
+/// Something the engine wants done.
+#[derive(Debug, Clone)]
+pub enum Command {
+    /// Read, verify and decode this tile; answer with `TileDecoded` or `TileFailed`.
+    LoadTile {
+        /// Which.
+        chunk: ChunkId,
+    },
+    /// Forget a request that has not been answered; an answer that comes all the same is ignored.
+    CancelTile {
+        /// Which.
+        chunk: ChunkId,
+    },
+    /// Send this to the session's client.
+    PublishFrame {
+        /// Whole: never half of an update.
+        frame: Arc<Frame>,
+    },
+}

@@ -1,0 +1,51 @@
+//! The published, immutable result of a tick, for one session.
+
+use crate::SessionId;
+use earthshine_world::{Direction, Rgb, VoxelCoord};
+
+/// Light on one patch, and how good it is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PatchLight {
+    /// Which voxel.
+    pub voxel: VoxelCoord,
+    /// Which side of it.
+    pub direction: Direction,
+    /// All indirect irradiance and the sky, lx (DESIGN section 2's "what is served").
+    pub irradiance: Rgb,
+    /// The part of it that came straight from the sky, lx.
+    pub sky_irradiance: Rgb,
+    /// Share of the row that is resident or sky or absorbed, 0..=1: what the light rests on.
+    pub known_share: f32,
+    /// Share of the row whose columns exist but are not resident, 0..=1.
+    pub far_share: f32,
+}
+
+/// How complete a frame is.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct FrameQuality {
+    /// Patches that hold slots.
+    pub resident_patches: u32,
+    /// Patches the camera would want with the present capacity.
+    pub wanted_patches: u32,
+    /// Patches whose direct light is older than the newest change of lights or occluders.
+    pub stale_direct: u32,
+    /// Whether everything wanted is resident and nothing is stale.
+    pub settled: bool,
+}
+
+/// One session's light, whole.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Frame {
+    /// Whose.
+    pub session: SessionId,
+    /// Counts published frames of the session, from 1.
+    pub number: u64,
+    /// The tick's time, s.
+    pub time_s: f64,
+    /// Edge of the voxels below, m.
+    pub voxel_edge_m: f32,
+    /// Every resident patch, ascending by voxel (x, y, z), then direction.
+    pub patches: Vec<PatchLight>,
+    /// How complete it is.
+    pub quality: FrameQuality,
+}

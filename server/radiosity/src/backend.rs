@@ -1,0 +1,139 @@
+//! What the engine asks of whoever computes: the [`Backend`] trait and the plain data it speaks.
+//!
+//! Operation level, batched, synchronous, object-safe, no buffers in sight: the engine calls it a
+//! handful of times a tick, so a virtual call costs nothing.
+
+use earthshine_world::Rgb;
+
+/// Where a resident patch sits: row and column of the local matrix.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Slot(pub u32);
+
+/// One change of the resident set.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Update {
+    /// A patch enters a free slot.
+    Add {
+        /// Where.
+        slot: Slot,
+        /// Its diffuse reflectance, 0..=0.98 a channel.
+        reflectance: Rgb,
+        /// `F[new, j]` for slots `j` that are taken when this update's turn comes, itself included if it sees itself.
+        row: Vec<(Slot, f32)>,
+        /// `F[i, new]` for the same slots, itself left out.
+        column: Vec<(Slot, f32)>,
+    },
+    /// A patch leaves.
+    Remove {
+        /// From where.
+        slot: Slot,
+    },
+}
+
+/// What became of a batch of updates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ApplyStats {
+    /// Patches that entered.
+    pub added: u32,
+    /// Patches that left.
+    pub removed: u32,
+    /// Patches refused because their pivot `1 - c s` lay below [`MIN_PIVOT`]: their slots stay free.
+    pub weak_pivots: u32,
+}
+
+/// What the last [`Backend::step`] did.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct StepStats {
+    /// Columns that carried light.
+    pub lit_columns: u32,
+    /// Whether anything had changed since the step before; if not, the light is the same to the bit.
+    pub recomputed: bool,
+}
+
+/// Smallest pivot `1 - c s` of an add; below it the closed loop would amplify rounding.
+pub const MIN_PIVOT: f32 = 0.05;
+
+/// Owns the local matrix and the light on it, and advances both.
+///
+/// A backend holds up to [`capacity`](Self::capacity) resident patches, each in a [`Slot`]. `H[i][j]`
+/// gathers for receiver `i`, all bounces included, reflectance of `i` not:
+/// `irradiance = H (direct_exitance + reflectance * outside) + outside`, once a colour channel, where
+/// `outside` is the irradiance that comes from beyond the resident set (far patches and the sky).
+///
+/// Calls come from one thread, in program order. Every implementation passes the same conformance
+/// suite; [`CpuBackend`](crate::CpuBackend) is the reference.
+pub trait Backend: Send {
+    /// Slots this backend was built for (M). Constant for its lifetime.
+    fn capacity(&self) -> u32;
+
+    /// Adds and removes patches, in order; exact, O(M^2) each, cheaper in blocks.
+    ///
+    /// # Errors
+    /// [`BackendError::SlotTaken`], [`BackendError::SlotFree`], [`BackendError::SlotOutside`],
+    /// [`BackendError::Share`]: after an error nothing of the batch has been applied.
+    fn apply(&mut self, updates: &[Update]) -> Result<ApplyStats, BackendError>;
+
+    /// Whether a patch holds `slot`.
+    fn is_taken(&self, slot: Slot) -> bool;
+
+    /// Sets, for each slot, direct exitance (lm/m2) and the irradiance from outside the resident set (lx).
+    ///
+    /// # Errors
+    /// [`BackendError::SlotFree`], [`BackendError::Length`], [`BackendError::NotFinite`].
+    fn set_sources(
+        &mut self,
+        slots: &[Slot],
+        direct_exitance: &[Rgb],
+        outside_irradiance: &[Rgb],
+    ) -> Result<(), BackendError>;
+
+    /// Advances the light by one frame.
+    ///
+    /// # Errors
+    /// None on the CPU; a lost device elsewhere.
+    fn step(&mut self) -> Result<StepStats, BackendError>;
+
+    /// Copies the irradiance (lx) of `slots` into `out`, in the order asked.
+    ///
+    /// # Errors
+    /// [`BackendError::Length`] if the slices differ in length; [`BackendError::SlotFree`].
+    fn read_irradiance(&mut self, slots: &[Slot], out: &mut [Rgb]) -> Result<(), BackendError>;
+
+    /// Relative size of `x -> H x - F (x + R H x)` for a random `x` of `seed`: how far rounding has
+    /// carried `H` from the matrix it stands for. O(M^2).
+    fn drift(&mut self, seed: u64) -> f32;
+
+    /// Solves `H` afresh from the resident rows, in f64. O(M^3): rare, off the frame path where it can be.
+    ///
+    /// # Errors
+    /// None on the CPU; a lost device elsewhere.
+    fn resolve(&mut self) -> Result<(), BackendError>;
+}
+
+/// Why a backend refused.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum BackendError {
+    /// An add to a slot that is in use.
+    #[error("slot {0:?} is taken")]
+    SlotTaken(Slot),
+    /// A removal from, or a source for, a slot that nothing holds.
+    #[error("slot {0:?} is free")]
+    SlotFree(Slot),
+    /// A slot at or beyond the capacity.
+    #[error("slot {0:?} is beyond the capacity of {1}")]
+    SlotOutside(Slot, u32),
+    /// A form factor that is negative, above one, or not a number.
+    #[error("form factor {1} of slot {0:?} is not a share")]
+    Share(Slot, f32),
+    /// Light or reflectance that is not a number.
+    #[error("light of slot {0:?} is negative or not finite")]
+    NotFinite(Slot),
+    /// Slices that should be of one length are not.
+    #[error("{expected} values expected, {actual} given")]
+    Length {
+        /// How many slots.
+        expected: usize,
+        /// How many values.
+        actual: usize,
+    },
+}

@@ -1,0 +1,45 @@
+//! One chunk of the world, whole: what a decoded tile holds.
+
+use crate::{ChunkId, ChunkRows, Patch, SamplePoint};
+use glam::Vec3;
+
+/// Triangles that cast shadows, and what a viewer shows before any light arrives.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct OccluderMesh {
+    /// Corners, m.
+    pub vertices: Vec<Vec3>,
+    /// Three vertex indices a triangle. A triangle is stored in the chunk that holds its centre.
+    pub triangles: Vec<[u32; 3]>,
+    /// Reflectance (r, g, b) and opacity of each triangle, 0..=255 for 0..=1: an alpha mask is its mean.
+    pub surfaces: Vec<[u8; 4]>,
+}
+
+/// Patches, rows and occluders of one chunk.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Chunk {
+    /// Which.
+    pub id: ChunkId,
+    /// At most 65,536, ordered by direction, then by the Morton code of the voxel.
+    pub patches: Vec<Patch>,
+    /// Sample points of all patches; each patch owns a run.
+    pub points: Vec<SamplePoint>,
+    /// One row a patch.
+    pub rows: ChunkRows,
+    /// Shadow casters.
+    pub occluders: OccluderMesh,
+}
+
+impl Chunk {
+    /// Most patches a chunk may hold: locals are `u16`.
+    pub const PATCHES_MAX: usize = 1 << 16;
+
+    /// The sample points of `patch`.
+    ///
+    /// # Panics
+    /// If the patch is not of this chunk.
+    #[must_use]
+    pub fn points_of(&self, patch: &Patch) -> &[SamplePoint] {
+        let first = patch.point_first as usize;
+        &self.points[first..first + patch.point_count as usize]
+    }
+}

@@ -1,0 +1,29 @@
+//! What a world holds, before any tile is read: enough to plan streaming.
+
+use crate::{Bounds, ChunkId, Grid, LightRig};
+
+/// One chunk as the manifest lists it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ChunkSummary {
+    /// Which.
+    pub id: ChunkId,
+    /// Patches in it.
+    pub patch_count: u32,
+    /// Form factors in it.
+    pub nonzero_count: u64,
+    /// Size of its tile on disk.
+    pub tile_bytes: u64,
+}
+
+/// The manifest's contents as the engine needs them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WorldIndex {
+    /// Level 0's grid.
+    pub grid: Grid,
+    /// Box around all geometry, m.
+    pub bounds: Bounds,
+    /// Every chunk that has a tile, ascending by id.
+    pub chunks: Vec<ChunkSummary>,
+    /// The lights that came with the scene.
+    pub lights: LightRig,
+}

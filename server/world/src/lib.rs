@@ -1,0 +1,41 @@
+//! The vocabulary every other package speaks: directions, voxels, chunks, patches, rows, lights, cameras.
+//!
+//! Right-handed, +Y up, metres; light is linear RGB in photometric units (GLOSSARY.md). There are no
+//! algorithms here beyond what a definition needs, no I/O, no clock and no threads.
+//!
+//! Start at [`Chunk`]: what one cube of the world holds once its tile is decoded.
+//!
+//! | module | words |
+//! |---|---|
+//! | [`direction`] | the six directions of a voxel and how a normal spreads over them |
+//! | [`grid`] | voxels, chunks and where a point lies |
+//! | [`patch`] | patches, their identity and their sample points |
+//! | [`rows`] | form-factor rows: resident or far columns, sky, absorbed |
+//! | [`chunk`] | one chunk, whole |
+//! | [`index`] | what a world holds, before any tile is read |
+//! | [`light`] | sun, lamps, sky |
+//! | [`camera`] | who looks, from where, how fast |
+//! | [`random`] | every random number is a hash of (seed, purpose, index) |
+
+pub mod camera;
+pub mod chunk;
+pub mod direction;
+pub mod grid;
+pub mod index;
+pub mod light;
+pub mod patch;
+pub mod random;
+pub mod rows;
+
+pub use camera::Camera;
+pub use chunk::{Chunk, OccluderMesh};
+pub use direction::{AxisWeights, Direction};
+pub use glam::Vec3;
+pub use grid::{Bounds, ChunkCoord, ChunkId, Grid, VoxelCoord};
+pub use index::{ChunkSummary, WorldIndex};
+pub use light::{Light, LightRig, Sky};
+pub use patch::{Patch, PatchId, SamplePoint};
+pub use rows::{ChunkRows, Column, RowParts};
+
+/// Linear RGB: reflectance, exitance, irradiance or radiance, as the name beside it says.
+pub type Rgb = Vec3;

@@ -1,0 +1,189 @@
+//! Sun, lamps and sky, in glTF units.
+
+use crate::{Direction, Rgb};
+use glam::Vec3;
+
+/// A delta light. `color * intensity` is premultiplied; clients draw its first arrival themselves.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(tag = "type", rename_all = "lowercase", deny_unknown_fields)]
+pub enum Light {
+    /// The sun.
+    Directional {
+        /// Where its light goes, unit.
+        direction: Vec3,
+        /// On a surface that faces it, lx.
+        illuminance: Rgb,
+        /// Diameter seen from the ground, rad; 0 is a point at infinity.
+        #[serde(default)]
+        angular_diameter_rad: f32,
+    },
+    /// A bare lamp.
+    Point {
+        /// m.
+        position: Vec3,
+        /// cd.
+        intensity: Rgb,
+        /// Beyond it there is no light, m; `None` for no limit.
+        #[serde(default)]
+        range_m: Option<f32>,
+    },
+    /// A lamp with a cone.
+    Spot {
+        /// m.
+        position: Vec3,
+        /// Axis of the cone, unit.
+        direction: Vec3,
+        /// On the axis, cd.
+        intensity: Rgb,
+        /// Full intensity inside this half angle, rad.
+        inner_cone_rad: f32,
+        /// None outside this half angle, rad.
+        outer_cone_rad: f32,
+        /// Beyond it there is no light, m; `None` for no limit.
+        #[serde(default)]
+        range_m: Option<f32>,
+    },
+}
+
+/// Radiance of the sky by direction lobe, cd/m2: along unit `d` it is `sum_a d_a^2 * lobe_a` over the lobes faced.
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+pub struct Sky {
+    /// One a [`Direction`].
+    pub lobes: [Rgb; 6],
+}
+
+impl Sky {
+    /// The same radiance everywhere.
+    #[must_use]
+    pub fn constant(radiance: Rgb) -> Self {
+        Self { lobes: [radiance; 6] }
+    }
+
+    /// Radiance along unit `direction`, cd/m2.
+    #[must_use]
+    pub fn radiance(&self, direction: Vec3) -> Rgb {
+        (0..3)
+            .map(|axis| {
+                let component = direction[axis];
+                self.lobes[Direction::of_component(axis, component).index()] * (component * component)
+            })
+            .sum()
+    }
+
+    /// Irradiance that a row's sky shares receive from this sky, lx: `pi * sum_lobe share * L`.
+    #[must_use]
+    pub fn irradiance(&self, sky_shares: &[f32; 6]) -> Rgb {
+        self.lobes.iter().zip(sky_shares).map(|(&lobe, &share)| lobe * share).sum::<Rgb>() * std::f32::consts::PI
+    }
+}
+
+/// Everything that lights a world, besides its own emissive surfaces.
+#[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LightRig {
+    /// Delta lights.
+    #[serde(default)]
+    pub lights: Vec<Light>,
+    /// What escapes see.
+    #[serde(default)]
+    pub sky: Sky,
+    /// Multiplies every emissive surface.
+    #[serde(default = "one")]
+    pub emission_scale: f32,
+}
+
+fn one() -> f32 {
+    1.0
+}
+
+/// A light that cannot be: refused at the edge, by name.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("light {index}: {cause}")]
+pub struct LightError {
+    /// Position in [`LightRig::lights`]; the number of lights stands for the sky and the emission scale.
+    pub index: usize,
+    /// What is wrong with it.
+    pub cause: &'static str,
+}
+
+impl LightRig {
+    /// Only emissive surfaces: no lamps, a black sky.
+    #[must_use]
+    pub fn emission_only() -> Self {
+        Self { emission_scale: 1.0, ..Self::default() }
+    }
+
+    /// Checks that every number is finite, every intensity non-negative and every direction a direction.
+    ///
+    /// # Errors
+    /// The first light that is not.
+    pub fn validate(&self) -> Result<(), LightError> {
+        let not_negative = |rgb: Rgb| rgb.is_finite() && rgb.min_element() >= 0.0;
+        for (index, light) in self.lights.iter().enumerate() {
+            if let Some(cause) = light.fault(not_negative) {
+                return Err(LightError { index, cause });
+            }
+        }
+        let index = self.lights.len();
+        if !self.sky.lobes.iter().all(|&lobe| not_negative(lobe)) {
+            return Err(LightError { index, cause: "the sky's radiance is negative or not finite" });
+        }
+        if !(self.emission_scale.is_finite() && self.emission_scale >= 0.0) {
+            return Err(LightError { index, cause: "the emission scale is negative or not finite" });
+        }
+        Ok(())
+    }
+}
+
+impl Light {
+    fn fault(&self, not_negative: impl Fn(Rgb) -> bool) -> Option<&'static str> {
+        let unit = |v: Vec3| v.is_finite() && (v.length_squared() - 1.0).abs() < 1e-3;
+        let (direction, strength, position, range) = match *self {
+            Self::Directional { direction, illuminance, angular_diameter_rad } => {
+                if !(0.0..3.2).contains(&angular_diameter_rad) {
+                    return Some("the angular diameter is not between 0 and pi");
+                }
+                (Some(direction), illuminance, Vec3::ZERO, None)
+            }
+            Self::Point { position, intensity, range_m } => (None, intensity, position, range_m),
+            Self::Spot { position, direction, intensity, inner_cone_rad, outer_cone_rad, range_m } => {
+                let ordered = inner_cone_rad >= 0.0 && inner_cone_rad <= outer_cone_rad;
+                if !(ordered && outer_cone_rad <= std::f32::consts::FRAC_PI_2 + 1e-6) {
+                    return Some("the cone angles are not 0 <= inner <= outer <= pi/2");
+                }
+                (Some(direction), intensity, position, range_m)
+            }
+        };
+        if direction.is_some_and(|d| !unit(d)) {
+            Some("the direction is not a unit vector")
+        } else if !not_negative(strength) {
+            Some("the intensity is negative or not finite")
+        } else if !position.is_finite() {
+            Some("the position is not finite")
+        } else if range.is_some_and(|r| r.is_nan() || r <= 0.0) {
+            Some("the range is not positive")
+        } else {
+            None
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_constant_sky_is_the_same_in_every_direction() {
+        let sky = Sky::constant(Rgb::new(1.0, 2.0, 3.0));
+        let direction = Vec3::new(0.3, -0.5, 0.8).normalize_or_zero();
+        assert!((sky.radiance(direction) - Rgb::new(1.0, 2.0, 3.0)).length() < 1e-5);
+    }
+
+    #[test]
+    fn impossible_lights_are_named() {
+        let mut rig = LightRig::emission_only();
+        rig.lights.push(Light::Point { position: Vec3::ZERO, intensity: Rgb::splat(-1.0), range_m: None });
+        let error = rig.validate().expect_err("a negative lamp");
+        assert_eq!((error.index, error.cause), (0, "the intensity is negative or not finite"));
+    }
+}
