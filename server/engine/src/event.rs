@@ -39,6 +39,8 @@ pub enum Event {
     TileDecoded {
         /// What it held.
         chunk: Arc<Chunk>,
+        /// Its shadow casters, ready for rays: built by the loader, off the engine's thread.
+        occluders: Arc<earthshine_light::Occluders>,
     },
     /// A requested tile could not be had.
     TileFailed {
