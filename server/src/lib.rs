@@ -1,1 +1,44 @@
-//! In the making.
+//! The service: a tokio shell around the engine.
+//!
+//! ```text
+//! sessions (tokio) ── newest camera, lights ──▶ ┌───────────────┐ ── tiles wanted ──▶ loader threads
+//!                                               │ engine thread │ ◀── decoded ──────  (map, verify, decode)
+//! sessions ◀── newest frame (watch) ─────────── │ Engine+Backend│
+//!    │                                          └───────────────┘
+//!    └── delta since what the client holds ──▶ gRPC
+//! ```
+//!
+//! Nothing waits for a slower neighbour but the loader: full queues drop cameras and frames (the newest wins) and
+//! delay tiles. There is no light here, no rows and no bytes on disk; those are the packages below. What a client
+//! says is checked in `convert`, what it is sent is decided in `publish`.
+//!
+//! Start at [`Server`]; settings are in [`Config`], ends of the process in [`ServerError`].
+//!
+//! ```no_run
+//! # async fn serve() -> Result<(), earthshine_server::ServerError> {
+//! use earthshine_server::{Config, Server, shutdown};
+//!
+//! let server = Server::bind(Config { world: "town".into(), ..Config::default() }).await?;
+//! let address = server.local_addr();
+//! server.run(async { drop(shutdown::signal().await) }).await
+//! # }
+//! ```
+
+mod admin;
+pub mod config;
+mod connection;
+mod convert;
+mod engine_thread;
+mod error;
+mod flow;
+mod listener;
+mod metrics;
+mod publish;
+mod server;
+mod session;
+pub mod shutdown;
+mod tile_loader;
+
+pub use config::{BackendKind, Config, ConfigError, ServeArgs};
+pub use error::ServerError;
+pub use server::{Server, run};

@@ -1,12 +1,26 @@
-//! Lamps, sun and sky to direct exitance (in the making).
-use earthshine_world::OccluderMesh;
-/// One chunk's shadow casters, ready for rays.
-#[derive(Debug)]
-pub struct Occluders;
-impl Occluders {
-    /// Builds the tree over `mesh`.
-    #[must_use]
-    pub fn build(_mesh: &OccluderMesh) -> Self {
-        Self
-    }
-}
+//! Lamps and sun to direct irradiance: closed forms in the open, shadow rays against resident chunks.
+//!
+//! Not here: the sky (its shares are in the rows, so it needs no rays), emissive surfaces (they are
+//! patches), far occluders, and any decision about what to refresh when. Nothing here draws on
+//! threads, clocks or state: the same arguments give the same bits.
+//!
+//! Start at [`direct_irradiance`]: what the engine asks for, one patch at a time.
+//!
+//! | module | what |
+//! |---|---|
+//! | [`arrival`](mod@arrival) | one light at one point, nothing in between |
+//! | [`direct`] | the mean over a patch's sample points, with shadows |
+//! | [`occluders`] | one chunk's shadow casters |
+//! | [`occluder_set`] | the shadow casters of all resident chunks |
+//! | [`ray_triangle`] | where a ray crosses a triangle |
+
+pub mod arrival;
+pub mod direct;
+pub mod occluder_set;
+pub mod occluders;
+pub mod ray_triangle;
+
+pub use arrival::{Arrival, arrival};
+pub use direct::direct_irradiance;
+pub use occluder_set::OccluderSet;
+pub use occluders::Occluders;

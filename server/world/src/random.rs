@@ -26,7 +26,7 @@ pub enum Purpose {
     Simulation = 9,
 }
 
-/// 64 well-mixed bits of (seed, purpose, a, b). The finaliser of SplitMix64, once a word.
+/// 64 well-mixed bits of (seed, purpose, a, b). The finaliser of `SplitMix64`, once a word.
 #[must_use]
 pub fn hash(seed: u64, purpose: Purpose, a: u64, b: u64) -> u64 {
     let mut state = seed ^ 0x9E37_79B9_7F4A_7C15;

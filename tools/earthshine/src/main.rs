@@ -1,2 +1,78 @@
-//! In the making.
-fn main() {}
+//! `earthshine`: one command for worlds, light and measurements.
+//!
+//! Each subcommand is a module that parses its arguments and calls a library; results go to standard output,
+//! progress and logs to standard error. Exit codes are in [`exit_code`].
+
+#![expect(clippy::print_stdout, clippy::print_stderr, reason = "a command-line tool")]
+
+mod bake;
+mod bench;
+mod exit_code;
+mod generate;
+mod machine;
+mod progress_bars;
+mod scene_source;
+mod volume_light;
+mod whole_world;
+
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+/// Streams dynamic diffuse global illumination for worlds larger than memory.
+#[derive(Parser)]
+#[command(version, about, after_help = exit_code::HELP)]
+struct Arguments {
+    /// Log filter, as in RUST_LOG: error, warn, info, debug, or target=level.
+    #[arg(long, global = true, env = "EARTHSHINE_LOG", default_value = "warn")]
+    log: String,
+    /// Logs as JSON lines.
+    #[arg(long, global = true, env = "EARTHSHINE_LOG_JSON")]
+    log_json: bool,
+    /// Worker threads; 0 for one a core.
+    #[arg(long, global = true, env = "EARTHSHINE_THREADS", default_value_t = 0)]
+    threads: usize,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Generates a world to bake: Cornell box, furnace, two rooms, corridor, town.
+    Gen(generate::GenArguments),
+    /// Bakes a glTF scene into a world folder.
+    Bake(bake::BakeArguments),
+    /// Measures, and prints one JSON object.
+    Bench(bench::BenchArguments),
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    if let Err(error) = start_logging(&arguments).and_then(|()| start_threads(arguments.threads)) {
+        eprintln!("error: {error:#}");
+        return ExitCode::from(exit_code::USAGE);
+    }
+    let result = match arguments.command {
+        Command::Gen(command) => generate::run(&command),
+        Command::Bake(command) => bake::run(&command),
+        Command::Bench(command) => bench::run(&command),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(exit_code::of(&error))
+        }
+    }
+}
+
+fn start_logging(arguments: &Arguments) -> anyhow::Result<()> {
+    let filter = tracing_subscriber::EnvFilter::try_new(&arguments.log)
+        .map_err(|error| anyhow::anyhow!("--log {:?}: {error}", arguments.log))?;
+    let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    if arguments.log_json { builder.json().init() } else { builder.init() }
+    Ok(())
+}
+
+fn start_threads(threads: usize) -> anyhow::Result<()> {
+    Ok(rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?)
+}

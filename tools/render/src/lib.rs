@@ -1,1 +1,49 @@
-//! In the making.
+//! The oracle and its yardsticks: path-traced light at points and in pictures, and how far off something is.
+//!
+//! Not here: form factors (the bake has its own rays), the service, the command line. Service light comes
+//! in as a function from position and normal to irradiance.
+//!
+//! Start at [`reference::irradiance_at`] for numbers, at [`picture::render`] for pictures.
+//!
+//! | module | what |
+//! |---|---|
+//! | [`tracer`] | a scene under a tree: closest hit, blocked or not |
+//! | [`emitters`] | which emissive triangle to look at, and how likely that was |
+//! | [`path`] | one random path: its light at a point |
+//! | [`sampling`] | random streams and directions |
+//! | [`reference`](mod@reference) | many paths: mean, standard error, when to stop |
+//! | [`csv`] | reference light on disk |
+//! | [`compare_points`] | errors of light at points |
+//! | [`camera`] | a pinhole |
+//! | [`picture`] | layers of a picture: direct, indirect, full |
+//! | [`image_file`] | exposure, PNG, EXR |
+//! | [`difference`] | false colours for differences |
+//! | [`sheet`] | labelled pictures side by side |
+//! | [`metrics`] | RMSE, PSNR, SSIM, FLIP |
+
+pub mod camera;
+#[cfg(test)]
+mod closed_forms;
+pub mod compare_points;
+pub mod csv;
+pub mod difference;
+pub mod emitters;
+mod glyphs;
+pub mod image_file;
+pub mod metrics;
+pub mod path;
+pub mod picture;
+pub mod reference;
+pub mod sampling;
+pub mod sheet;
+#[cfg(test)]
+mod test_scenes;
+pub mod tracer;
+
+pub use camera::Pinhole;
+pub use compare_points::{LightErrors, compare_points};
+pub use csv::ReferencePoint;
+pub use metrics::{PictureErrors, compare_pictures};
+pub use picture::{Layers, LightSource, PictureOptions, render};
+pub use reference::{PointEstimate, ReferenceOptions, irradiance_at, irradiance_at_points};
+pub use tracer::{Hit, SceneTracer, Sides};

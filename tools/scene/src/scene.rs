@@ -10,6 +10,10 @@ pub struct Scene {
     pub triangles: Vec<[Vec3; 3]>,
     /// Texture coordinates of the corners; zero where the mesh has none.
     pub texture_coordinates: Vec<[[f32; 2]; 3]>,
+    /// Texture coordinates of the corners for emissive textures; `None` where they are the same everywhere.
+    pub emissive_coordinates: Option<Vec<[[f32; 2]; 3]>>,
+    /// Colours of the corners, linear RGB and alpha, 65535 for one; multiply the base colour. `None` for white.
+    pub corner_colours: Option<Vec<[[u16; 4]; 3]>>,
     /// Index into [`Self::materials`], one a triangle.
     pub material_of: Vec<u32>,
     /// At least one.
@@ -70,6 +74,9 @@ pub struct ImportReport {
 }
 
 impl Scene {
+    /// What [`Self::corner_colours`] holds for a triangle without colours.
+    pub const WHITE_CORNERS: [[u16; 4]; 3] = [[u16::MAX; 4]; 3];
+
     /// Box around all triangles, m.
     #[must_use]
     pub fn bounds(&self) -> Bounds {
@@ -91,9 +98,15 @@ impl Scene {
     #[must_use]
     pub fn surface(&self, triangle: usize, u: f32, v: f32, front: bool) -> Surface {
         let material = &self.materials[self.material_of[triangle] as usize];
-        let [p, q, r] = self.texture_coordinates[triangle];
-        let at = |k: usize| p[k] * (1.0 - u - v) + q[k] * u + r[k] * v;
-        material.surface(&self.textures, [at(0), at(1)], front)
+        let weights = [1.0 - u - v, u, v];
+        let uv = interpolated(&self.texture_coordinates[triangle], weights);
+        let emissive_uv =
+            self.emissive_coordinates.as_ref().map_or(uv, |all| interpolated(&all[triangle], weights));
+        let colour = self.corner_colours.as_ref().map_or([1.0; 4], |all| {
+            interpolated(&all[triangle].map(|corner| corner.map(f32::from)), weights)
+                .map(|part| part / 65535.0)
+        });
+        material.surface_tinted(&self.textures, [uv, emissive_uv], colour, front)
     }
 
     /// Whether any material has an alpha mask, so that rays must ask [`Self::surface`].
@@ -104,25 +117,41 @@ impl Scene {
 }
 
 impl Material {
-    /// What a ray finds at texture coordinates `uv`.
+    /// What a ray finds at texture coordinates `uv`, which serve both textures.
     #[must_use]
     pub fn surface(&self, textures: &[Texture], uv: [f32; 2], front: bool) -> Surface {
-        let texel = |index: Option<usize>| index.map_or([1.0; 4], |i| textures[i].sample(uv));
-        let base = texel(self.base_colour_texture);
-        let factor = self.base_colour;
-        let reflectance = Rgb::new(base[0] * factor[0], base[1] * factor[1], base[2] * factor[2]);
+        self.surface_tinted(textures, [uv, uv], [1.0; 4], front)
+    }
+
+    /// As [`Self::surface`], with coordinates for base colour and emission apart and a colour that multiplies the
+    /// base colour.
+    #[must_use]
+    pub fn surface_tinted(
+        &self,
+        textures: &[Texture],
+        [uv, emissive_uv]: [[f32; 2]; 2],
+        colour: [f32; 4],
+        front: bool,
+    ) -> Surface {
+        let texel = |index: Option<usize>, uv| index.map_or([1.0; 4], |i: usize| textures[i].sample(uv));
+        let base = texel(self.base_colour_texture, uv);
+        let [red, green, blue, alpha] = std::array::from_fn(|k| base[k] * self.base_colour[k] * colour[k]);
         let emits = front || self.double_sided;
         let emitted_radiance = if emits && self.emitted_radiance != Rgb::ZERO {
-            let glow = texel(self.emissive_texture);
-            self.emitted_radiance * Rgb::new(glow[0], glow[1], glow[2])
+            let [red, green, blue, _] = texel(self.emissive_texture, emissive_uv);
+            self.emitted_radiance * Rgb::new(red, green, blue)
         } else {
             Rgb::ZERO
         };
         Surface {
-            reflectance: reflectance
+            reflectance: Rgb::new(red, green, blue)
                 .clamp(Rgb::ZERO, Rgb::splat(earthshine_world::Patch::REFLECTANCE_MAX)),
             emitted_radiance,
-            is_hole: self.alpha_cutoff.is_some_and(|cutoff| base[3] * factor[3] < cutoff),
+            is_hole: self.alpha_cutoff.is_some_and(|cutoff| alpha < cutoff),
         }
     }
+}
+
+fn interpolated<const N: usize>([p, q, r]: &[[f32; N]; 3], weights: [f32; 3]) -> [f32; N] {
+    std::array::from_fn(|k| p[k] * weights[0] + q[k] * weights[1] + r[k] * weights[2])
 }

@@ -1,0 +1,28 @@
+//! How much of anything one message may hold. Both sides refuse more, by name.
+
+/// Longest message from server to client, bytes. A larger frame goes out as several deltas.
+pub const MESSAGE_BYTES_MAX: usize = 16 << 20;
+
+/// Longest message from client to server, bytes.
+pub const CLIENT_MESSAGE_BYTES_MAX: usize = 256 << 10;
+
+/// Most voxels of one volume: 128^3.
+pub const VOLUME_VOXELS_MAX: u32 = 1 << 21;
+
+/// Most voxels along one axis of a volume.
+pub const VOLUME_DIM_MAX: u32 = 512;
+
+/// Most volumes of one session.
+pub const VOLUMES_MAX: usize = 16;
+
+/// Most lights of one session.
+pub const LIGHTS_MAX: usize = 1024;
+
+/// Longest client name, world name or cause, bytes.
+pub const TEXT_BYTES_MAX: usize = 1024;
+
+/// Most voxels that a server should put into one delta. The worst case (six patches in each, ten bytes a
+/// patch, six bytes a voxel) stays under half of [`MESSAGE_BYTES_MAX`].
+pub const DELTA_VOXELS_MAX: usize = 1 << 16;
+
+const _: () = assert!(DELTA_VOXELS_MAX * (6 * 10 + 6) < MESSAGE_BYTES_MAX / 2);

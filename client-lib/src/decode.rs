@@ -1,0 +1,166 @@
+//! From wire numbers to voxels: every length, index and mask is checked before anything is changed.
+
+use crate::ClientError;
+use earthshine_protocol::{VOLUME_DIM_MAX, VOLUME_VOXELS_MAX, v1};
+use earthshine_volume::{Layout, Volume, VoxelLight, rgb9e5};
+use glam::{IVec3, UVec3};
+
+/// Where a volume is said to be.
+///
+/// # Errors
+/// If that is nowhere, or larger than the wire allows.
+pub(crate) fn layout(volume: &v1::Volume) -> Result<Layout, ClientError> {
+    let fault = |cause: &str| ClientError::protocol(format!("volume {}: {cause}", volume.volume));
+    let origin = volume.origin.unwrap_or_default();
+    let dims = volume.dims.unwrap_or_default();
+    let layout = Layout {
+        level: u8::try_from(volume.level)
+            .map_err(|error| fault(&format!("level {}: {error}", volume.level)))?,
+        origin: IVec3::new(origin.x, origin.y, origin.z),
+        dims: UVec3::new(dims.x, dims.y, dims.z),
+        voxel_edge_m: volume.voxel_edge_m,
+    };
+    layout.validate().map_err(|error| fault(&error.to_string()))?;
+    if layout.dims.max_element() > VOLUME_DIM_MAX || layout.voxel_count() > VOLUME_VOXELS_MAX {
+        return Err(fault(&format!("{} voxels are more than the wire allows", layout.dims)));
+    }
+    Ok(layout)
+}
+
+/// Checks a delta for a volume of `voxel_count` voxels, so that [`apply_delta`] cannot fail.
+///
+/// # Errors
+/// The first thing that does not fit.
+pub(crate) fn check_delta(delta: &v1::Delta, voxel_count: u32) -> Result<(), ClientError> {
+    let fault = |cause: String| {
+        Err(ClientError::protocol(format!(
+            "delta of volume {} to {}: {cause}",
+            delta.volume, delta.to_generation
+        )))
+    };
+    if delta.present.len() != delta.voxels.len() {
+        return fault(format!("{} masks for {} voxels", delta.present.len(), delta.voxels.len()));
+    }
+    if let Some(mask) = delta.present.iter().find(|&&mask| mask > VoxelLight::ALL_PRESENT) {
+        return fault(format!("mask {mask:#010b} has more than six directions"));
+    }
+    let patches = delta.present.iter().map(|mask| mask.count_ones() as usize).sum::<usize>();
+    if delta.irradiance.len() != patches || delta.quality.len() != patches {
+        let (light, quality) = (delta.irradiance.len(), delta.quality.len());
+        return fault(format!("{light} irradiances and {quality} qualities for {patches} patches"));
+    }
+    if !(delta.sky_irradiance.is_empty() || delta.sky_irradiance.len() == patches) {
+        return fault(format!("{} sky irradiances for {patches} patches", delta.sky_irradiance.len()));
+    }
+    if delta.voxels.iter().skip(1).any(|&step| step == 0) {
+        return fault("voxels do not ascend".to_owned());
+    }
+    // Differences add up to the last and largest index: in `u64`, because they are anything.
+    let last = delta.voxels.iter().map(|&step| u64::from(step)).sum::<u64>();
+    if !delta.voxels.is_empty() && last >= u64::from(voxel_count) {
+        return fault(format!("voxel {last} of {voxel_count}"));
+    }
+    Ok(())
+}
+
+/// Writes a checked delta into `volume`.
+pub(crate) fn apply_delta(delta: &v1::Delta, volume: &mut Volume) {
+    let mut index = 0;
+    let mut patch = 0;
+    for (&step, &present) in delta.voxels.iter().zip(&delta.present) {
+        index += step;
+        let mut light = VoxelLight::EMPTY;
+        for direction in (0..6).filter(|direction| present >> direction & 1 == 1) {
+            let sky = delta.sky_irradiance.get(patch).copied().unwrap_or(0);
+            let irradiance = rgb9e5::decode(delta.irradiance[patch]);
+            light.set(direction, irradiance, rgb9e5::decode(sky), delta.quality[patch]);
+            patch += 1;
+        }
+        volume.set(index, &light);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    fn wire_volume() -> v1::Volume {
+        v1::Volume {
+            volume: 3,
+            level: 0,
+            origin: Some(v1::VoxelCoord { x: -2, y: 0, z: 5 }),
+            dims: Some(v1::Dims { x: 4, y: 3, z: 2 }),
+            voxel_edge_m: 0.5,
+            generation: 1,
+        }
+    }
+
+    /// Voxels 1 (directions 0 and 2) and 23 (direction 5), and voxel 7 emptied.
+    fn wire_delta() -> v1::Delta {
+        v1::Delta {
+            volume: 3,
+            to_generation: 1,
+            voxels: vec![1, 6, 16],
+            present: vec![0b101, 0, 0b10_0000],
+            irradiance: [1.0, 2.0, 3.0].map(|v| rgb9e5::encode(Vec3::splat(v))).to_vec(),
+            sky_irradiance: [0.5, 0.0, 0.25].map(|v| rgb9e5::encode(Vec3::splat(v))).to_vec(),
+            quality: vec![10, 20, 30],
+            complete: true,
+            ..v1::Delta::default()
+        }
+    }
+
+    #[test]
+    fn a_hand_built_delta_lands_where_it_should() {
+        let layout = layout(&wire_volume()).unwrap();
+        let mut volume = Volume::new(layout).unwrap();
+        volume.set_patch(layout.voxel_of(7), 4, Vec3::ONE, Vec3::ZERO, 1);
+        let delta = wire_delta();
+        check_delta(&delta, layout.voxel_count()).unwrap();
+        apply_delta(&delta, &mut volume);
+        let first = volume.at(IVec3::new(-1, 0, 5)).unwrap();
+        assert_eq!((first.present, first.irradiance[2], first.quality[2]), (0b101, Vec3::splat(2.0), 20));
+        assert_eq!(first.sky_irradiance[0], Vec3::splat(0.5));
+        let last = volume.at(IVec3::new(1, 2, 6)).unwrap();
+        assert_eq!((last.present, last.irradiance[5]), (0b10_0000, Vec3::splat(3.0)));
+        assert_eq!(volume.lit_voxels(), 2, "voxel 7 was emptied");
+    }
+
+    #[test]
+    fn a_black_sky_may_be_left_out() {
+        let delta = v1::Delta { sky_irradiance: Vec::new(), ..wire_delta() };
+        check_delta(&delta, 24).unwrap();
+    }
+
+    #[test]
+    fn deltas_that_do_not_fit_are_named() {
+        let fault = |change: fn(&mut v1::Delta)| {
+            let mut delta = wire_delta();
+            change(&mut delta);
+            check_delta(&delta, 24).unwrap_err().to_string()
+        };
+        assert!(fault(|d| d.voxels.push(1)).contains("3 masks for 4 voxels"));
+        assert!(fault(|d| d.present[0] = 0b100_0001).contains("more than six"));
+        assert!(fault(|d| d.irradiance.truncate(1)).contains("1 irradiances"));
+        assert!(fault(|d| d.quality.push(1)).contains("4 qualities"));
+        assert!(fault(|d| d.sky_irradiance.truncate(2)).contains("2 sky"));
+        assert!(fault(|d| d.voxels[1] = 0).contains("ascend"));
+        assert!(fault(|d| d.voxels[2] = 17).contains("voxel 24 of 24"));
+        assert!(fault(|d| d.voxels = vec![u32::MAX; 3]).contains("of 24"));
+    }
+
+    #[test]
+    fn volumes_that_cannot_be_are_named() {
+        let fault = |change: fn(&mut v1::Volume)| {
+            let mut volume = wire_volume();
+            change(&mut volume);
+            layout(&volume).unwrap_err().to_string()
+        };
+        assert!(fault(|v| v.dims = None).contains("voxels"));
+        assert!(fault(|v| v.dims = Some(v1::Dims { x: 256, y: 256, z: 256 })).contains("wire allows"));
+        assert!(fault(|v| v.level = 256).contains("level"));
+        assert!(fault(|v| v.voxel_edge_m = 0.0).contains("edge"));
+        assert!(fault(|v| v.origin = Some(v1::VoxelCoord { x: i32::MAX, y: 0, z: 0 })).contains("origin"));
+    }
+}

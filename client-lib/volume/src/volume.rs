@@ -1,0 +1,255 @@
+//! The light of a box of voxels: a dense index, and a block for each voxel that has light.
+//!
+//! A volume copies in time proportional to its lit voxels plus four bytes a voxel, so that a client can
+//! publish one a frame. It knows nothing of generations or of the wire.
+
+use crate::{Layout, LayoutError};
+use glam::{IVec3, Vec3};
+
+/// Light on up to six patches of one voxel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VoxelLight {
+    /// Bit `a` says that direction `a` has a patch.
+    pub present: u8,
+    /// Share of the patch's surroundings that its light rests on, 0..=255 for 0..=1.
+    pub quality: [u8; 6],
+    /// All indirect irradiance and the sky, lx. Finite; zero where there is no patch.
+    pub irradiance: [Vec3; 6],
+    /// The part of it that came straight from the sky, lx.
+    pub sky_irradiance: [Vec3; 6],
+}
+
+impl VoxelLight {
+    /// No patches.
+    pub const EMPTY: Self =
+        Self { present: 0, quality: [0; 6], irradiance: [Vec3::ZERO; 6], sky_irradiance: [Vec3::ZERO; 6] };
+    /// All six bits of [`Self::present`].
+    pub const ALL_PRESENT: u8 = 0b11_1111;
+
+    /// Whether direction `direction` (0..6) has a patch.
+    #[must_use]
+    pub fn has(&self, direction: usize) -> bool {
+        self.present >> direction & 1 == 1
+    }
+
+    /// Puts a patch on direction `direction`. Channels that are not finite become zero.
+    ///
+    /// # Panics
+    /// If `direction` is not 0..6.
+    pub fn set(&mut self, direction: usize, irradiance: Vec3, sky_irradiance: Vec3, quality: u8) {
+        let finite = |light: Vec3| if light.is_finite() { light } else { Vec3::ZERO };
+        self.irradiance[direction] = finite(irradiance);
+        self.sky_irradiance[direction] = finite(sky_irradiance);
+        self.quality[direction] = quality;
+        self.present |= 1 << direction;
+    }
+}
+
+/// Light of the voxels in a [`Layout`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Volume {
+    layout: Layout,
+    /// One a voxel: 0 for dark, else one more than the place in `lights`.
+    places: Vec<u32>,
+    lights: Vec<VoxelLight>,
+    /// The voxel that owns each of `lights`; the last one fills a gap.
+    owners: Vec<u32>,
+}
+
+impl Volume {
+    /// A box without light.
+    ///
+    /// # Errors
+    /// If the layout is not valid.
+    pub fn new(layout: Layout) -> Result<Self, LayoutError> {
+        layout.validate()?;
+        let places = vec![0; layout.voxel_count() as usize];
+        Ok(Self { layout, places, lights: Vec::new(), owners: Vec::new() })
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// Voxels that have light.
+    #[must_use]
+    pub fn lit_voxels(&self) -> usize {
+        self.lights.len()
+    }
+
+    /// Patches that have light.
+    #[must_use]
+    pub fn patch_count(&self) -> usize {
+        self.lights.iter().map(|light| light.present.count_ones() as usize).sum()
+    }
+
+    /// Light of the voxel with linear `index`; `None` where there is none, and outside.
+    #[must_use]
+    pub fn get(&self, index: u32) -> Option<&VoxelLight> {
+        let place = self.places.get(index as usize)?.checked_sub(1)?;
+        self.lights.get(place as usize)
+    }
+
+    /// Light of `voxel`, in voxels of the volume's level.
+    #[must_use]
+    pub fn at(&self, voxel: IVec3) -> Option<&VoxelLight> {
+        self.get(self.layout.index_of(voxel)?)
+    }
+
+    /// Replaces the light of the voxel with linear `index`; a light without patches removes it.
+    /// Says whether `index` is inside.
+    pub fn set(&mut self, index: u32, light: &VoxelLight) -> bool {
+        let Some(place) = self.places.get_mut(index as usize) else { return false };
+        match (*place, light.present & VoxelLight::ALL_PRESENT) {
+            (0, 0) => {}
+            (0, _) => {
+                self.lights.push(*light);
+                self.owners.push(index);
+                // At most `Layout::VOXELS_MAX` lights.
+                *place = self.lights.len() as u32;
+            }
+            (taken, 0) => {
+                *place = 0;
+                self.remove(taken - 1);
+            }
+            (taken, _) => self.lights[taken as usize - 1] = *light,
+        }
+        true
+    }
+
+    /// Puts one patch into `voxel`, beside those already there. Says whether `voxel` is inside.
+    ///
+    /// # Panics
+    /// If `direction` is not 0..6.
+    pub fn set_patch(
+        &mut self,
+        voxel: IVec3,
+        direction: usize,
+        irradiance: Vec3,
+        sky_irradiance: Vec3,
+        quality: u8,
+    ) -> bool {
+        let Some(index) = self.layout.index_of(voxel) else { return false };
+        let mut light = self.get(index).copied().unwrap_or(VoxelLight::EMPTY);
+        light.set(direction, irradiance, sky_irradiance, quality);
+        self.set(index, &light)
+    }
+
+    /// Removes all light.
+    pub fn clear(&mut self) {
+        for owner in self.owners.drain(..) {
+            self.places[owner as usize] = 0;
+        }
+        self.lights.clear();
+    }
+
+    /// Moves or resizes the box; voxels in both places keep their light. Another level or voxel edge is another
+    /// volume: nothing is kept.
+    ///
+    /// # Errors
+    /// If the layout is not valid; the volume is as before.
+    pub fn move_to(&mut self, layout: Layout) -> Result<(), LayoutError> {
+        if layout == self.layout {
+            return Ok(());
+        }
+        let mut moved = Self::new(layout)?;
+        if layout.level == self.layout.level && layout.voxel_edge_m == self.layout.voxel_edge_m {
+            for (voxel, light) in self.iter() {
+                if let Some(index) = layout.index_of(voxel) {
+                    moved.set(index, light);
+                }
+            }
+        }
+        *self = moved;
+        Ok(())
+    }
+
+    /// All voxels with light, in no particular order that lasts.
+    pub fn iter(&self) -> impl Iterator<Item = (IVec3, &VoxelLight)> {
+        self.owners.iter().map(|&index| self.layout.voxel_of(index)).zip(&self.lights)
+    }
+
+    fn remove(&mut self, place: u32) {
+        let place = place as usize;
+        self.lights.swap_remove(place);
+        self.owners.swap_remove(place);
+        if let Some(&owner) = self.owners.get(place) {
+            self.places[owner as usize] = place as u32 + 1;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::UVec3;
+
+    fn layout() -> Layout {
+        Layout { level: 0, origin: IVec3::new(-2, 0, 1), dims: UVec3::splat(6), voxel_edge_m: 1.0 }
+    }
+
+    fn light(value: f32) -> VoxelLight {
+        let mut light = VoxelLight::EMPTY;
+        light.set(2, Vec3::splat(value), Vec3::ZERO, 255);
+        light
+    }
+
+    /// Goal: blocks never get mixed up. Method: sets and removals in a scrambled order beside a plain map.
+    #[test]
+    fn a_volume_is_a_map_of_voxels() {
+        let mut volume = Volume::new(layout()).unwrap();
+        let mut model = std::collections::BTreeMap::new();
+        for step in 0..5_000u32 {
+            let index = step.wrapping_mul(2_654_435_761) >> 8 & 255;
+            let inside = index < 216;
+            if step % 3 == 0 {
+                assert_eq!(volume.set(index, &VoxelLight::EMPTY), inside);
+                model.remove(&index);
+            } else {
+                assert_eq!(volume.set(index, &light(step as f32)), inside);
+                if inside {
+                    model.insert(index, light(step as f32));
+                }
+            }
+            assert_eq!(volume.lit_voxels(), model.len());
+        }
+        for index in 0..216 {
+            assert_eq!(volume.get(index), model.get(&index));
+        }
+        volume.clear();
+        assert_eq!(volume, Volume::new(layout()).unwrap());
+    }
+
+    #[test]
+    fn a_move_keeps_the_overlap_only() {
+        let mut volume = Volume::new(layout()).unwrap();
+        for index in 0..216 {
+            volume.set(index, &light(index as f32 + 1.0));
+        }
+        let before = volume.clone();
+        let place = Layout { origin: IVec3::new(0, -1, 1), dims: UVec3::new(6, 4, 3), ..layout() };
+        volume.move_to(place).unwrap();
+        for index in 0..place.voxel_count() {
+            let voxel = place.voxel_of(index);
+            assert_eq!(volume.at(voxel), before.at(voxel), "{voxel}");
+        }
+        assert_eq!(volume.lit_voxels(), 4 * 3 * 3);
+        assert!(volume.move_to(Layout { voxel_edge_m: -1.0, ..place }).is_err());
+        assert_eq!(*volume.layout(), place, "as before");
+        volume.move_to(Layout { level: 1, voxel_edge_m: 2.0, ..place }).unwrap();
+        assert_eq!(volume.lit_voxels(), 0);
+    }
+
+    #[test]
+    fn patches_of_a_voxel_add_up_and_bad_numbers_stay_out() {
+        let mut volume = Volume::new(layout()).unwrap();
+        assert!(volume.set_patch(IVec3::new(-2, 0, 1), 0, Vec3::ONE, Vec3::ZERO, 10));
+        assert!(volume.set_patch(IVec3::new(-2, 0, 1), 3, Vec3::NAN, Vec3::ONE, 20));
+        assert!(!volume.set_patch(IVec3::new(9, 0, 1), 3, Vec3::ONE, Vec3::ONE, 20));
+        let light = volume.at(IVec3::new(-2, 0, 1)).unwrap();
+        assert_eq!((light.present, light.irradiance[3]), (0b1001, Vec3::ZERO));
+        assert_eq!((volume.patch_count(), volume.lit_voxels()), (2, 1));
+    }
+}

@@ -1,0 +1,242 @@
+//! All chunks of the world: their states, their tiles, their memory. Every move between states is made here.
+//!
+//! It does not decide: what is wanted is [`crate::schedule`]'s business.
+
+use crate::config::EngineConfig;
+use crate::direct::ShadowCasters;
+use crate::error::TileFault;
+use crate::residency::ChunkState;
+use crate::tile::{Tile, estimated_bytes};
+use earthshine_light::Occluders;
+use earthshine_world::{Bounds, Chunk, ChunkCoord, ChunkId, Grid, Vec3, WorldIndex};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// What is known of one chunk.
+#[derive(Debug)]
+pub(crate) struct ChunkEntry {
+    pub(crate) state: ChunkState,
+    pub(crate) bounds: Bounds,
+    /// Present exactly while [`ChunkState::has_tile`].
+    pub(crate) tile: Option<Tile>,
+    /// Slots that its patches hold, over all sessions.
+    pub(crate) slots: u32,
+    /// As the index says, until the tile says better.
+    pub(crate) patch_count: u32,
+    /// Memory of its tile: an estimate, until the tile was here once.
+    pub(crate) bytes: u64,
+    failures: u32,
+    pub(crate) retry_at_s: f64,
+}
+
+/// All chunks of level 0.
+#[derive(Debug)]
+pub(crate) struct ChunkTable {
+    entries: BTreeMap<ChunkId, ChunkEntry>,
+    pub(crate) casters: ShadowCasters,
+    grid: Grid,
+    decoded_bytes: u64,
+    in_flight: u32,
+    in_flight_bytes: u64,
+}
+
+/// What became of a failed tile.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Failure {
+    /// It is asked for again later.
+    Retry,
+    /// It is given up.
+    Quarantined,
+}
+
+impl ChunkTable {
+    /// Everything absent. Coarser levels are not this table's.
+    pub(crate) fn new(index: &WorldIndex, seed: u64) -> Self {
+        let grid = index.grid;
+        let entries = index
+            .chunks
+            .iter()
+            .filter(|summary| summary.id.level == 0)
+            .map(|summary| {
+                let entry = ChunkEntry {
+                    state: ChunkState::Absent,
+                    bounds: grid.chunk_bounds(summary.id.coord),
+                    tile: None,
+                    slots: 0,
+                    patch_count: summary.patch_count,
+                    bytes: estimated_bytes(summary),
+                    failures: 0,
+                    retry_at_s: f64::NEG_INFINITY,
+                };
+                (summary.id, entry)
+            })
+            .collect();
+        let casters = ShadowCasters::new(seed, grid.voxel_edge_m);
+        Self { entries, casters, grid, decoded_bytes: 0, in_flight: 0, in_flight_bytes: 0 }
+    }
+
+    pub(crate) fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
+    pub(crate) fn get(&self, id: ChunkId) -> Option<&ChunkEntry> {
+        self.entries.get(&id)
+    }
+
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (ChunkId, &ChunkEntry)> {
+        self.entries.iter().map(|(&id, entry)| (id, entry))
+    }
+
+    /// The tile of `id`, if it is in memory.
+    pub(crate) fn chunk(&self, id: ChunkId) -> Option<&Arc<Chunk>> {
+        self.entries.get(&id)?.tile.as_ref().map(|tile| &tile.chunk)
+    }
+
+    /// Memory of all tiles held, bytes.
+    pub(crate) fn decoded_bytes(&self) -> u64 {
+        self.decoded_bytes
+    }
+
+    /// Memory that the tiles in flight are expected to take, bytes.
+    pub(crate) fn in_flight_bytes(&self) -> u64 {
+        self.in_flight_bytes
+    }
+
+    /// Requests not yet answered.
+    pub(crate) fn in_flight(&self) -> u32 {
+        self.in_flight
+    }
+
+    /// Chunks whose cube is within `radius_m` of `focus`, with the distance, ascending by id.
+    pub(crate) fn near(
+        &self,
+        focus: Vec3,
+        radius_m: f32,
+    ) -> impl Iterator<Item = (ChunkId, &ChunkEntry, f32)> {
+        let edge = self.grid.chunk_edge_m();
+        let slab = |x: f32, rest: i32| ChunkId::new(0, ChunkCoord::new(x as i32, rest, rest));
+        let first = slab(((focus.x - radius_m) / edge).floor() - 1.0, i32::MIN);
+        let last = slab(((focus.x + radius_m) / edge).floor() + 1.0, i32::MAX);
+        self.entries.range(first..=last).filter_map(move |(&id, entry)| {
+            let distance = entry.bounds.distance(focus);
+            (distance <= radius_m).then_some((id, entry, distance))
+        })
+    }
+
+    /// Absent to Requested.
+    pub(crate) fn request(&mut self, id: ChunkId) {
+        let entry = entry_of(&mut self.entries, id);
+        entry.state.advance(ChunkState::Requested);
+        self.in_flight += 1;
+        self.in_flight_bytes += entry.bytes;
+    }
+
+    /// Requested to Absent: nobody wants it any more.
+    pub(crate) fn cancel(&mut self, id: ChunkId) {
+        self.land(id).state.advance(ChunkState::Absent);
+    }
+
+    /// Whether an answer for `id` is awaited.
+    pub(crate) fn awaits(&self, id: ChunkId) -> bool {
+        self.get(id).is_some_and(|entry| entry.state == ChunkState::Requested)
+    }
+
+    /// Requested to Decoded. Returns the memory it takes; after an error the chunk is still Requested.
+    pub(crate) fn accept(&mut self, chunk: Arc<Chunk>, occluders: Arc<Occluders>) -> Result<u64, TileFault> {
+        let id = chunk.id;
+        let tile = Tile::new(chunk, &occluders, &self.grid)?;
+        let bytes = tile.bytes;
+        let entry = self.land(id);
+        entry.state.advance(ChunkState::Decoded);
+        entry.patch_count =
+            u32::try_from(tile.chunk.patches.len()).expect("a checked tile has at most 65,536 patches");
+        entry.bytes = bytes;
+        entry.tile = Some(tile);
+        entry.failures = 0;
+        self.decoded_bytes += bytes;
+        self.casters.insert(id, occluders);
+        Ok(bytes)
+    }
+
+    /// Requested to Absent, to be tried again, or to Quarantined.
+    pub(crate) fn fail(&mut self, id: ChunkId, now_s: f64, config: &EngineConfig) -> Failure {
+        let (retry_after_s, retries_max) = (config.retry_after_s, config.retries_max);
+        let entry = self.land(id);
+        entry.failures += 1;
+        if entry.failures > retries_max {
+            entry.state.advance(ChunkState::Quarantined);
+            return Failure::Quarantined;
+        }
+        entry.state.advance(ChunkState::Absent);
+        const DOUBLINGS_MAX: u32 = 16;
+        let doublings = (entry.failures - 1).min(DOUBLINGS_MAX);
+        entry.retry_at_s = now_s + retry_after_s * f64::from(1u32 << doublings);
+        Failure::Retry
+    }
+
+    /// Wanted again: Leaving to Resident. Others are left where they are.
+    pub(crate) fn keep(&mut self, id: ChunkId) {
+        let entry = entry_of(&mut self.entries, id);
+        if entry.state == ChunkState::Leaving {
+            entry.state.advance(ChunkState::Resident);
+        }
+    }
+
+    /// Unwanted: Decoded goes at once, Resident starts to leave. Returns whether a request has to be cancelled.
+    pub(crate) fn dismiss(&mut self, id: ChunkId) -> bool {
+        let entry = entry_of(&mut self.entries, id);
+        match entry.state {
+            ChunkState::Requested => {
+                self.cancel(id);
+                return true;
+            }
+            ChunkState::Decoded => self.drop_tile(id),
+            ChunkState::Resident => entry.state.advance(ChunkState::Leaving),
+            ChunkState::Absent | ChunkState::Leaving | ChunkState::Quarantined => {}
+        }
+        false
+    }
+
+    /// One more patch of `id` holds a slot.
+    pub(crate) fn hold(&mut self, id: ChunkId) {
+        let entry = entry_of(&mut self.entries, id);
+        entry.slots += 1;
+        if entry.slots == 1 {
+            entry.state.advance(ChunkState::Resident);
+        }
+    }
+
+    /// One patch of `id` fewer holds a slot; with the last one a leaving chunk is gone.
+    pub(crate) fn release(&mut self, id: ChunkId) {
+        let entry = entry_of(&mut self.entries, id);
+        entry.slots -= 1;
+        if entry.slots == 0 {
+            if entry.state == ChunkState::Leaving {
+                self.drop_tile(id);
+            } else {
+                entry.state.advance(ChunkState::Decoded);
+            }
+        }
+    }
+
+    /// Decoded or Leaving to Absent.
+    fn drop_tile(&mut self, id: ChunkId) {
+        let entry = entry_of(&mut self.entries, id);
+        entry.state.advance(ChunkState::Absent);
+        let tile = entry.tile.take().expect("a chunk that leaves memory was there");
+        self.decoded_bytes -= tile.bytes;
+        self.casters.remove(id);
+    }
+
+    /// Ends a flight; the caller moves the state on.
+    fn land(&mut self, id: ChunkId) -> &mut ChunkEntry {
+        let entry = entry_of(&mut self.entries, id);
+        self.in_flight -= 1;
+        self.in_flight_bytes -= entry.bytes;
+        entry
+    }
+}
+
+fn entry_of(entries: &mut BTreeMap<ChunkId, ChunkEntry>, id: ChunkId) -> &mut ChunkEntry {
+    entries.get_mut(&id).expect("only chunks of the index are moved")
+}

@@ -1,0 +1,142 @@
+//! What always holds between ticks. [`Engine::validate`](crate::Engine::validate) checks all of it.
+//!
+//! | name | what |
+//! |---|---|
+//! | E1 tile | a chunk's tile is in memory exactly in the states Decoded, Resident, Leaving |
+//! | E2 slots | a chunk is Resident or Leaving exactly while its patches hold slots; their number is the sum over sessions |
+//! | E3 memory | bytes and flights are the sums over chunks; flights are within the limit |
+//! | E4 casters | shadow casters are those of the tiles in memory |
+//! | E5 bijection | slots, free slots, slot tables and backend agree; a slot's patch is its chunk's |
+//! | E6 parts | row parts are up to date; the sky's part is the stored one, to the bit; the parts sum to at most one |
+//! | E7 frame | a frame is finite, not negative, ascending, and no larger than the capacity |
+//! | E8 limit | sessions are within the limit |
+
+use crate::engine::Engine;
+use crate::local_set::LocalSet;
+use crate::residency::ChunkState;
+use crate::session::Session;
+use earthshine_radiosity::Slot;
+use earthshine_world::{ChunkId, RowParts};
+use std::collections::BTreeMap;
+
+/// Most by which a row may exceed one, and by which row parts may differ from fresh ones.
+const SHARE_TOLERANCE: f32 = 2e-3;
+
+/// A broken promise of the engine to itself: always a bug.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("engine invariant {name} is broken: {detail}")]
+pub struct InvariantError {
+    /// As in the module's table.
+    pub name: &'static str,
+    /// Where and how.
+    pub detail: String,
+}
+
+fn ensure(name: &'static str, holds: bool, detail: impl FnOnce() -> String) -> Result<(), InvariantError> {
+    if holds { Ok(()) } else { Err(InvariantError { name, detail: detail() }) }
+}
+
+impl Engine {
+    /// Checks every invariant; slow.
+    ///
+    /// # Errors
+    /// The first that does not hold.
+    pub fn validate(&self) -> Result<(), InvariantError> {
+        let mut slots: BTreeMap<ChunkId, u32> = BTreeMap::new();
+        for session in self.sessions.values() {
+            if let Some(local) = &session.local {
+                self.check_local(session, local)?;
+                for (_, resident) in local.iter() {
+                    *slots.entry(resident.id.chunk).or_default() += 1;
+                }
+            }
+            check_frame(session)?;
+        }
+        ensure("E8 limit", self.sessions.len() <= self.config().sessions_max as usize, || {
+            format!("{} sessions", self.sessions.len())
+        })?;
+        self.check_chunks(&slots)
+    }
+
+    fn check_chunks(&self, slots: &BTreeMap<ChunkId, u32>) -> Result<(), InvariantError> {
+        let (mut bytes, mut flights, mut flight_bytes) = (0, 0, 0);
+        for (id, entry) in self.chunks.iter() {
+            let state = entry.state;
+            ensure("E1 tile", state.has_tile() == entry.tile.is_some(), || format!("{id} is {state:?}"))?;
+            let held = slots.get(&id).copied().unwrap_or(0);
+            let holds = matches!(state, ChunkState::Resident | ChunkState::Leaving);
+            ensure("E2 slots", entry.slots == held && holds == (held > 0), || {
+                format!("{id} is {state:?} with {held} slots held and {} counted", entry.slots)
+            })?;
+            bytes += entry.tile.as_ref().map_or(0, |tile| tile.bytes);
+            if state == ChunkState::Requested {
+                flights += 1;
+                flight_bytes += entry.bytes;
+            }
+        }
+        let table = &self.chunks;
+        let counted = (table.decoded_bytes(), table.in_flight(), table.in_flight_bytes());
+        let is_within = flights <= self.config().tiles_in_flight_max;
+        ensure("E3 memory", counted == (bytes, flights, flight_bytes) && is_within, || {
+            format!("{counted:?} counted, {:?} found", (bytes, flights, flight_bytes))
+        })?;
+        let casting = table
+            .iter()
+            .filter(|(_, entry)| entry.tile.as_ref().is_some_and(|tile| tile.casts_shadows))
+            .count();
+        ensure("E4 casters", table.casters.len() == casting, || {
+            format!("{} chunks cast shadows, {casting} should", table.casters.len())
+        })
+    }
+
+    fn check_local(&self, session: &Session, local: &LocalSet) -> Result<(), InvariantError> {
+        let at = |slot: u32| format!("session {} slot {slot}", session.id.0);
+        for slot in 0..local.capacity() {
+            let resident = local.residents[slot as usize].as_ref();
+            let is_taken = local.backend.is_taken(Slot(slot));
+            let is_free = local.free().contains(&slot);
+            ensure("E5 bijection", is_taken == resident.is_some() && is_free != is_taken, || at(slot))?;
+            let Some(resident) = resident else { continue };
+            let of_table = local.slot_of(resident.id);
+            let tile = self.chunks.chunk(resident.id.chunk);
+            let of_chunk = tile.and_then(|chunk| chunk.patches.get(usize::from(resident.id.local)));
+            ensure("E5 bijection", of_table == Some(slot) && of_chunk == Some(&resident.patch), || at(slot))?;
+            let stored = tile.map(|chunk| chunk.rows.sky_shares[usize::from(resident.id.local)]);
+            ensure("E6 parts", stored == Some(resident.sky_shares), || at(slot))?;
+            check_parts(resident.parts, local.parts_of(slot), || at(slot))?;
+        }
+        let tabled: u32 = local.chunks().filter_map(|id| local.slots_of(id)).map(|table| table.taken()).sum();
+        ensure("E5 bijection", tabled == local.len(), || {
+            format!("{tabled} slots in tables, {} taken", local.len())
+        })
+    }
+}
+
+fn check_parts(kept: RowParts, fresh: RowParts, at: impl Fn() -> String) -> Result<(), InvariantError> {
+    let is_current = (kept.resident - fresh.resident).abs() <= SHARE_TOLERANCE
+        && (kept.far - fresh.far).abs() <= SHARE_TOLERANCE
+        && kept.sky.to_bits() == fresh.sky.to_bits()
+        && kept.absorbed.to_bits() == fresh.absorbed.to_bits();
+    let sum = kept.resident + kept.far + kept.sky + kept.absorbed;
+    ensure("E6 parts", is_current && sum <= 1.0 + SHARE_TOLERANCE, || {
+        format!("{}: {kept:?} kept, {fresh:?} found", at())
+    })
+}
+
+fn check_frame(session: &Session) -> Result<(), InvariantError> {
+    let Some(frame) = &session.last_frame else { return Ok(()) };
+    let at = || format!("session {} frame {}", session.id.0, frame.number);
+    let places = frame.patches.iter().map(|light| (light.voxel.to_array(), light.direction));
+    ensure("E7 frame", places.is_sorted_by(|a, b| a < b), at)?;
+    let is_sound = frame.patches.iter().all(|light| {
+        let is_light = |rgb: earthshine_world::Rgb| rgb.is_finite() && rgb.min_element() >= 0.0;
+        is_light(light.irradiance)
+            && is_light(light.sky_irradiance)
+            && (0.0..=1.0).contains(&light.known_share)
+            && (0.0..=1.0).contains(&light.far_share)
+    });
+    let quality = frame.quality;
+    let is_counted = frame.patches.len() == quality.resident_patches as usize;
+    let is_within = quality.stale_direct <= quality.resident_patches;
+    ensure("E7 frame", is_sound && is_counted && is_within && frame.session == session.id, at)
+}

@@ -1,0 +1,291 @@
+//! Which patches hold which slots of one session's matrix, and what the matrix is told about them.
+//!
+//! It owns the [`Backend`]; light on the slots is in [`crate::relight`]. Rows come from the chunks of the patches,
+//! columns by reciprocity `F[i, new] = A_new F[new, i] / A_i`: rows on disk are reciprocal.
+
+use crate::relight::SlotLight;
+use crate::slots::{FREE, SlotTable, split_row, visit_row};
+use earthshine_radiosity::{Backend, BackendError, Slot, Update};
+use earthshine_world::{Chunk, ChunkId, Patch, PatchId, Rgb, RowParts};
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+/// A patch in its slot.
+#[derive(Debug)]
+pub(crate) struct Resident {
+    pub(crate) id: PatchId,
+    pub(crate) patch: Patch,
+    pub(crate) sky_shares: [f32; 6],
+    /// How its row splits now; see [`LocalSet::refresh_parts`].
+    pub(crate) parts: RowParts,
+    pub(crate) light: SlotLight,
+}
+
+/// One session's resident patches.
+pub(crate) struct LocalSet {
+    pub(crate) backend: Box<dyn Backend>,
+    pub(crate) residents: Vec<Option<Resident>>,
+    free: BTreeSet<u32>,
+    tables: BTreeMap<ChunkId, SlotTable>,
+    refused: BTreeSet<PatchId>,
+    /// Slots whose row parts may have changed.
+    touched: BTreeSet<u32>,
+    /// Slots in the order of frames; rebuilt when patches have come or gone.
+    order: Vec<u32>,
+    is_order_old: bool,
+    /// Whether the backend's matrix or sources changed after its last step.
+    pub(crate) needs_step: bool,
+    pub(crate) swaps_since_probe: u32,
+}
+
+/// What became of patches that were to be added.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub(crate) struct Added {
+    /// In their slots.
+    pub(crate) slots: Vec<u32>,
+    /// Refused for a weak pivot.
+    pub(crate) weak_pivots: u32,
+    /// Refused for another reason.
+    pub(crate) refused: u32,
+}
+
+impl std::fmt::Debug for LocalSet {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("LocalSet").field("resident", &self.len()).finish_non_exhaustive()
+    }
+}
+
+impl LocalSet {
+    /// Nothing resident yet.
+    pub(crate) fn new(backend: Box<dyn Backend>) -> Self {
+        let capacity = backend.capacity();
+        Self {
+            backend,
+            residents: (0..capacity).map(|_| None).collect(),
+            free: (0..capacity).collect(),
+            tables: BTreeMap::new(),
+            refused: BTreeSet::new(),
+            touched: BTreeSet::new(),
+            order: Vec::new(),
+            is_order_old: false,
+            needs_step: false,
+            swaps_since_probe: 0,
+        }
+    }
+
+    pub(crate) fn capacity(&self) -> u32 {
+        self.backend.capacity()
+    }
+
+    pub(crate) fn len(&self) -> u32 {
+        self.capacity() - self.free_count()
+    }
+
+    pub(crate) fn free_count(&self) -> u32 {
+        u32::try_from(self.free.len()).expect("slots are u32")
+    }
+
+    pub(crate) fn free(&self) -> &BTreeSet<u32> {
+        &self.free
+    }
+
+    /// Chunks with patches here, ascending.
+    pub(crate) fn chunks(&self) -> impl Iterator<Item = ChunkId> {
+        self.tables.keys().copied()
+    }
+
+    pub(crate) fn slots_of(&self, chunk: ChunkId) -> Option<&SlotTable> {
+        self.tables.get(&chunk)
+    }
+
+    /// Resident patches of `chunk`, ascending.
+    pub(crate) fn patches_of(&self, chunk: ChunkId) -> impl Iterator<Item = PatchId> {
+        self.tables.get(&chunk).into_iter().flat_map(SlotTable::patches)
+    }
+
+    pub(crate) fn slot_of(&self, id: PatchId) -> Option<u32> {
+        self.tables.get(&id.chunk)?.slot(usize::from(id.local))
+    }
+
+    /// Whether the backend would not take `id`; it is not offered again while its chunk is near.
+    pub(crate) fn was_refused(&self, id: PatchId) -> bool {
+        !self.refused.is_empty() && self.refused.contains(&id)
+    }
+
+    pub(crate) fn refused_count(&self) -> u32 {
+        u32::try_from(self.refused.len()).unwrap_or(u32::MAX)
+    }
+
+    /// Refused patches of chunks that are not `near` may be offered again.
+    pub(crate) fn forget_refused(&mut self, near: impl Fn(ChunkId) -> bool) {
+        self.refused.retain(|id| near(id.chunk));
+    }
+
+    /// Every resident with its slot, ascending by slot.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (u32, &Resident)> {
+        (0u32..).zip(&self.residents).filter_map(|(slot, resident)| Some((slot, resident.as_ref()?)))
+    }
+
+    pub(crate) fn resident(&self, slot: u32) -> &Resident {
+        self.residents[slot as usize].as_ref().expect("the slot is taken")
+    }
+
+    pub(crate) fn resident_mut(&mut self, slot: u32) -> &mut Resident {
+        self.residents[slot as usize].as_mut().expect("the slot is taken")
+    }
+
+    /// The chunk of a resident patch.
+    pub(crate) fn chunk_of(&self, id: PatchId) -> &Arc<Chunk> {
+        &self.tables[&id.chunk].chunk
+    }
+
+    /// How the row of the patch in `slot` splits, computed afresh.
+    pub(crate) fn parts_of(&self, slot: u32) -> RowParts {
+        let id = self.resident(slot).id;
+        split_row(&self.tables, self.chunk_of(id), usize::from(id.local))
+    }
+
+    /// Slots in the order of frames: ascending by voxel (x, y, z), then direction.
+    pub(crate) fn frame_order(&mut self) -> &[u32] {
+        if std::mem::take(&mut self.is_order_old) {
+            let mut order: Vec<_> = self
+                .iter()
+                .map(|(slot, resident)| (resident.patch.voxel.to_array(), resident.patch.direction, slot))
+                .collect();
+            order.sort_unstable();
+            self.order = order.into_iter().map(|(_, _, slot)| slot).collect();
+        }
+        &self.order
+    }
+
+    /// Removes resident patches.
+    ///
+    /// # Errors
+    /// Whatever the backend says: it is of no more use.
+    pub(crate) fn remove(&mut self, ids: &[PatchId]) -> Result<(), BackendError> {
+        let slots: Vec<u32> =
+            ids.iter().map(|&id| self.slot_of(id).expect("only residents are removed")).collect();
+        let updates: Vec<_> = slots.iter().map(|&slot| Update::Remove { slot: Slot(slot) }).collect();
+        self.backend.apply(&updates)?;
+        for slot in slots {
+            self.free_slot(slot);
+        }
+        self.count_swaps(ids.len());
+        Ok(())
+    }
+
+    /// Adds patches that are not resident, as many as there are free slots at most, in the order given.
+    pub(crate) fn add(&mut self, newcomers: &[(PatchId, Arc<Chunk>)]) -> Added {
+        let mut slots = Vec::with_capacity(newcomers.len());
+        let mut updates = Vec::with_capacity(newcomers.len());
+        for (id, chunk) in newcomers {
+            let slot = self.take_slot(*id, chunk);
+            updates.push(self.add_update(slot));
+            slots.push(slot);
+        }
+        let mut added = Added::default();
+        match self.backend.apply(&updates) {
+            Ok(_) => {
+                for (&slot, &(id, _)) in slots.iter().zip(newcomers) {
+                    if self.backend.is_taken(Slot(slot)) {
+                        added.slots.push(slot);
+                    } else {
+                        self.free_slot(slot);
+                        self.refused.insert(id);
+                        added.weak_pivots += 1;
+                    }
+                }
+            }
+            Err(error) => {
+                for &slot in slots.iter().rev() {
+                    self.free_slot(slot);
+                }
+                if let [(id, _)] = *newcomers {
+                    tracing::warn!(chunk = %id.chunk, local = id.local, %error, "a patch was refused");
+                    self.refused.insert(id);
+                    added.refused = 1;
+                } else {
+                    // Nothing of the batch was applied: find the culprit one by one.
+                    for newcomer in newcomers {
+                        let one = self.add(std::slice::from_ref(newcomer));
+                        added.slots.extend(one.slots);
+                        added.weak_pivots += one.weak_pivots;
+                        added.refused += one.refused;
+                    }
+                    return added;
+                }
+            }
+        }
+        self.count_swaps(added.slots.len());
+        added
+    }
+
+    /// Brings the row parts of all slots up to date whose neighbours came or went.
+    pub(crate) fn refresh_parts(&mut self) {
+        for slot in std::mem::take(&mut self.touched) {
+            if self.residents[slot as usize].is_some() {
+                self.resident_mut(slot).parts = self.parts_of(slot);
+            }
+        }
+    }
+
+    fn count_swaps(&mut self, swaps: usize) {
+        self.swaps_since_probe =
+            self.swaps_since_probe.saturating_add(u32::try_from(swaps).unwrap_or(u32::MAX));
+        self.needs_step |= swaps > 0;
+    }
+
+    fn take_slot(&mut self, id: PatchId, chunk: &Arc<Chunk>) -> u32 {
+        let slot = self.free.pop_first().expect("no more patches are added than slots are free");
+        let local = usize::from(id.local);
+        let table = self.tables.entry(id.chunk).or_insert_with(|| SlotTable::new(Arc::clone(chunk)));
+        table.take(local, slot);
+        let patch = chunk.patches[local];
+        let sky_shares = chunk.rows.sky_shares[local];
+        let resident =
+            Resident { id, patch, sky_shares, parts: RowParts::default(), light: SlotLight::default() };
+        self.residents[slot as usize] = Some(resident);
+        self.is_order_old = true;
+        slot
+    }
+
+    fn free_slot(&mut self, slot: u32) {
+        let resident = self.residents[slot as usize].take().expect("a taken slot is freed");
+        let table = self.tables.get_mut(&resident.id.chunk).expect("a resident's chunk has a table");
+        let chunk = Arc::clone(&table.chunk);
+        let local = usize::from(resident.id.local);
+        table.free(local);
+        if table.is_empty() {
+            self.tables.remove(&resident.id.chunk);
+        }
+        visit_row(&self.tables, &chunk, local, |neighbour, _| {
+            if neighbour != FREE {
+                self.touched.insert(neighbour);
+            }
+        });
+        self.free.insert(slot);
+        self.is_order_old = true;
+    }
+
+    /// The update for a patch that has just taken its slot: its neighbours are those that took theirs before.
+    fn add_update(&mut self, slot: u32) -> Update {
+        let Resident { id, patch, .. } = *self.resident(slot);
+        let chunk = Arc::clone(self.chunk_of(id));
+        let (mut row, mut column) = (Vec::new(), Vec::new());
+        self.touched.insert(slot);
+        visit_row(&self.tables, &chunk, usize::from(id.local), |neighbour, share| {
+            if neighbour == FREE || share == 0.0 {
+                return;
+            }
+            row.push((Slot(neighbour), share));
+            if neighbour != slot {
+                let other = self.residents[neighbour as usize].as_ref().expect("a table names taken slots");
+                // Rounding on disk may carry the share of a tiny patch past one.
+                column.push((Slot(neighbour), (share * patch.area / other.patch.area).min(1.0)));
+                self.touched.insert(neighbour);
+            }
+        });
+        let reflectance = patch.reflectance.min(Rgb::splat(Patch::REFLECTANCE_MAX));
+        Update::Add { slot: Slot(slot), reflectance, row, column }
+    }
+}

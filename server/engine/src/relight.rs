@@ -1,0 +1,183 @@
+//! Light on the slots of one local set: which direct light is out of date, lighting it again, and the sources and
+//! results of the backend.
+//!
+//! `direct exitance = reflectance * direct irradiance + emission * scale`; what comes from outside the resident set
+//! is `sky.irradiance(sky shares)` and nothing else: far light is dropped for now and is never given to the sky.
+
+use crate::direct::ShadowCasters;
+use crate::local_set::LocalSet;
+use earthshine_radiosity::{BackendError, Slot};
+use earthshine_world::{Light, LightRig, Patch, Rgb};
+
+/// Sources beyond this are limited, lm/m2: all bounces of them still fit an `f32`. The sun's face has 6e9.
+const SOURCE_MAX: f32 = 1e24;
+
+/// What direct light depends on, besides the patch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Stamp {
+    lights: u64,
+    casters: u64,
+}
+
+/// Light on one slot.
+#[derive(Debug, Default)]
+pub(crate) struct SlotLight {
+    /// From delta lights, lx.
+    direct_irradiance: Rgb,
+    /// What it was computed from; nothing before the first time.
+    lit: Option<Stamp>,
+    lit_tick: u64,
+    /// Direct exitance and outside irradiance that the backend holds.
+    sources: Option<(Rgb, Rgb)>,
+    /// What the backend last said, lx.
+    pub(crate) irradiance: Rgb,
+}
+
+impl SlotLight {
+    /// What arrives straight from the sky, as the backend was told, lx.
+    pub(crate) fn sky_irradiance(&self) -> Rgb {
+        self.sources.map_or(Rgb::ZERO, |(_, sky)| sky)
+    }
+}
+
+/// Everything that lighting one session needs.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Relight<'a> {
+    casters: &'a ShadowCasters,
+    lights: &'a [Light],
+    stamp: Stamp,
+    tick: u64,
+}
+
+impl<'a> Relight<'a> {
+    /// `lights_generation` counts changes of `lights`.
+    pub(crate) fn new(
+        casters: &'a ShadowCasters,
+        lights: &'a [Light],
+        lights_generation: u64,
+        tick: u64,
+    ) -> Self {
+        // Without lights there are no shadows that could change.
+        let casters_generation = if lights.is_empty() { 0 } else { casters.generation() };
+        Self {
+            casters,
+            lights,
+            stamp: Stamp { lights: lights_generation, casters: casters_generation },
+            tick,
+        }
+    }
+
+    /// Sample points times lights of one patch.
+    pub(crate) fn cost(&self, patch: &Patch) -> u32 {
+        u32::try_from(self.lights.len()).unwrap_or(u32::MAX).saturating_mul(patch.point_count)
+    }
+
+    /// Slots whose direct light is out of date.
+    pub(crate) fn stale_count(&self, local: &LocalSet) -> u32 {
+        let count = local.iter().filter(|(_, resident)| resident.light.lit != Some(self.stamp)).count();
+        u32::try_from(count).expect("slots are u32")
+    }
+
+    /// The same slots, most urgent first: never lit or lit by other lights, then shadowed by other casters; among
+    /// equals the one whose turn was longest ago.
+    pub(crate) fn stale_slots(&self, local: &LocalSet) -> Vec<u32> {
+        let mut stale: Vec<_> = local
+            .iter()
+            .filter(|(_, resident)| resident.light.lit != Some(self.stamp))
+            .map(|(slot, resident)| {
+                let light = &resident.light;
+                let has_lights = light.lit.is_some_and(|lit| lit.lights == self.stamp.lights);
+                (has_lights, light.lit_tick, slot)
+            })
+            .collect();
+        stale.sort_unstable();
+        stale.into_iter().map(|(_, _, slot)| slot).collect()
+    }
+
+    /// Lights `slots` in turn until `most` is spent, one at least. Returns slots lit and what was spent.
+    pub(crate) fn light(&self, local: &mut LocalSet, slots: &[u32], most: u32) -> (u32, u32) {
+        let (mut lit, mut spent) = (0u32, 0u32);
+        for &slot in slots {
+            let resident = local.resident(slot);
+            let cost = self.cost(&resident.patch);
+            if lit > 0 && spent.saturating_add(cost) > most {
+                break;
+            }
+            let points = local.chunk_of(resident.id).points_of(&resident.patch);
+            let direct_irradiance = self.casters.irradiance(self.lights, &resident.patch, points);
+            let light = &mut local.resident_mut(slot).light;
+            light.direct_irradiance = direct_irradiance;
+            light.lit = Some(self.stamp);
+            light.lit_tick = self.tick;
+            lit += 1;
+            spent = spent.saturating_add(cost);
+        }
+        (lit, spent)
+    }
+}
+
+/// Gives the backend every source that differs from what it holds. Returns how many had to be limited.
+///
+/// # Errors
+/// Whatever the backend says: it is of no more use.
+pub(crate) fn set_sources(local: &mut LocalSet, rig: &LightRig) -> Result<u64, BackendError> {
+    let (mut slots, mut exitances, mut outside) = (Vec::new(), Vec::new(), Vec::new());
+    let mut limited = 0;
+    for (slot, resident) in (0u32..).zip(&mut local.residents) {
+        let Some(resident) = resident else { continue };
+        let patch = &resident.patch;
+        let reflectance = patch.reflectance.min(Rgb::splat(Patch::REFLECTANCE_MAX));
+        let (exitance, exitance_limited) =
+            limit(reflectance * resident.light.direct_irradiance + patch.emission * rig.emission_scale);
+        let (sky, sky_limited) = limit(rig.sky.irradiance(&resident.sky_shares));
+        if resident.light.sources != Some((exitance, sky)) {
+            resident.light.sources = Some((exitance, sky));
+            limited += u64::from(exitance_limited || sky_limited);
+            slots.push(Slot(slot));
+            exitances.push(exitance);
+            outside.push(sky);
+        }
+    }
+    if !slots.is_empty() {
+        local.backend.set_sources(&slots, &exitances, &outside)?;
+        local.needs_step = true;
+    }
+    Ok(limited)
+}
+
+/// Steps the backend and reads its light back, if anything changed after the last time. Returns whether it did.
+///
+/// # Errors
+/// Whatever the backend says: it is of no more use.
+pub(crate) fn step(local: &mut LocalSet) -> Result<bool, BackendError> {
+    if !std::mem::take(&mut local.needs_step) {
+        return Ok(false);
+    }
+    local.backend.step()?;
+    let slots: Vec<Slot> = local.iter().map(|(slot, _)| Slot(slot)).collect();
+    let mut irradiance = vec![Rgb::ZERO; slots.len()];
+    local.backend.read_irradiance(&slots, &mut irradiance)?;
+    for (slot, irradiance) in slots.into_iter().zip(irradiance) {
+        // Rounding may leave a little less than nothing.
+        local.resident_mut(slot.0).light.irradiance = irradiance.max(Rgb::ZERO);
+    }
+    Ok(true)
+}
+
+/// A source that arithmetic survives, and whether that changed it.
+fn limit(source: Rgb) -> (Rgb, bool) {
+    let bound = |x: f32| if x.is_nan() { 0.0 } else { x.clamp(0.0, SOURCE_MAX) };
+    let limited = Rgb::new(bound(source.x), bound(source.y), bound(source.z));
+    (limited, limited != source)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sources_that_arithmetic_would_not_survive_are_limited() {
+        assert_eq!(limit(Rgb::new(1.0, 0.0, 6e9)), (Rgb::new(1.0, 0.0, 6e9), false));
+        assert_eq!(limit(Rgb::new(f32::INFINITY, f32::NAN, 1.0)), (Rgb::new(SOURCE_MAX, 0.0, 1.0), true));
+    }
+}

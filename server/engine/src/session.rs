@@ -1,0 +1,355 @@
+//! One client's view: its camera, its lights, its local set, and what it was last told.
+
+use crate::budget::Budget;
+use crate::chunks::ChunkTable;
+use crate::config::EngineConfig;
+use crate::local_set::{LocalSet, Resident};
+use crate::priority::{SwapPlan, focus, plan_swaps};
+use crate::relight::{self, Relight};
+use crate::stats::{Counters, SessionStats};
+use crate::{Frame, FrameQuality, PatchLight, SessionId};
+use earthshine_radiosity::BackendError;
+use earthshine_world::{Camera, ChunkId, LightRig, Vec3};
+use std::sync::Arc;
+
+/// A chunk that the session's camera wants, as far as its plan depends on it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct WantedChunk {
+    pub(crate) id: ChunkId,
+    pub(crate) has_tile: bool,
+    pub(crate) patch_count: u32,
+}
+
+/// What remains of the tick for swaps.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct SwapBudget {
+    pub(crate) adds: Budget,
+    pub(crate) removals: Budget,
+    /// For the direct light of the patches added.
+    pub(crate) shadow_points: Budget,
+}
+
+/// One client's view.
+#[derive(Debug)]
+pub(crate) struct Session {
+    pub(crate) id: SessionId,
+    /// Where distances are measured from; nothing before the first camera.
+    pub(crate) focus: Option<Vec3>,
+    pub(crate) rig: LightRig,
+    lights_generation: u64,
+    pub(crate) local: Option<LocalSet>,
+    pub(crate) backend_retry_at_s: f64,
+    /// Ascending by id.
+    chunks: Vec<WantedChunk>,
+    plan: SwapPlan,
+    is_plan_old: bool,
+    are_sources_old: bool,
+    /// Whether light or row parts changed after the last frame.
+    has_news: bool,
+    told: Option<FrameQuality>,
+    frames: u64,
+    drift: f32,
+    /// The last frame, for invariants.
+    pub(crate) last_frame: Option<Arc<Frame>>,
+}
+
+impl Session {
+    /// Without a camera; lit as the world was made.
+    pub(crate) fn new(id: SessionId, rig: LightRig) -> Self {
+        Self {
+            id,
+            focus: None,
+            rig,
+            lights_generation: 1,
+            local: None,
+            backend_retry_at_s: f64::NEG_INFINITY,
+            chunks: Vec::new(),
+            plan: SwapPlan::default(),
+            is_plan_old: true,
+            are_sources_old: true,
+            has_news: false,
+            told: None,
+            frames: 0,
+            drift: 0.0,
+            last_frame: None,
+        }
+    }
+
+    /// Takes a valid camera. Returns whether that changes what is wanted.
+    pub(crate) fn set_camera(&mut self, camera: &Camera, config: &EngineConfig) -> bool {
+        let focus = Some(focus(camera, config.look_ahead_s, config.load_radius_m * 0.5));
+        let moved = focus != self.focus;
+        self.focus = focus;
+        self.is_plan_old |= moved;
+        moved
+    }
+
+    /// Takes valid lights.
+    pub(crate) fn set_lights(&mut self, rig: LightRig) {
+        if rig.lights != self.rig.lights {
+            self.lights_generation += 1;
+        }
+        self.are_sources_old |= rig != self.rig;
+        self.rig = rig;
+    }
+
+    /// Takes the chunks wanted now, ascending.
+    pub(crate) fn set_chunks(&mut self, chunks: Vec<WantedChunk>) {
+        if chunks == self.chunks {
+            return;
+        }
+        self.chunks = chunks;
+        self.is_plan_old = true;
+        if let Some(local) = &mut self.local {
+            local.forget_refused(|id| self.chunks.binary_search_by_key(&id, |chunk| chunk.id).is_ok());
+        }
+    }
+
+    /// Compares what is resident with what is nearest, if either may have changed.
+    pub(crate) fn replan(&mut self, table: &ChunkTable, hysteresis: f32) {
+        let (Some(focus), Some(local)) = (self.focus, &self.local) else { return };
+        if std::mem::take(&mut self.is_plan_old) {
+            let chunks: Vec<_> = self
+                .chunks
+                .iter()
+                .filter(|wanted| wanted.has_tile)
+                .map(|wanted| &**table.chunk(wanted.id).expect("a wanted chunk keeps its tile"))
+                .collect();
+            self.plan = plan_swaps(focus, &chunks, local, hysteresis);
+        }
+    }
+
+    /// Whether there is something to swap.
+    pub(crate) fn wants_swaps(&self) -> bool {
+        self.local.is_some() && !self.plan.is_empty()
+    }
+
+    /// How direct light on this session's slots is computed now.
+    pub(crate) fn relight<'a>(&'a self, table: &'a ChunkTable, tick: u64) -> Relight<'a> {
+        Relight::new(&table.casters, &self.rig.lights, self.lights_generation, tick)
+    }
+
+    /// Removes and adds as planned, as far as a share of `budget` (one of `waiting`) goes; new patches are lit.
+    ///
+    /// # Errors
+    /// Whatever the backend says: it is of no more use.
+    pub(crate) fn swap(
+        &mut self,
+        table: &mut ChunkTable,
+        budget: &mut SwapBudget,
+        waiting: usize,
+        tick: u64,
+        counters: &mut Counters,
+    ) -> Result<(), BackendError> {
+        let Some(mut local) = self.local.take() else { return Ok(()) };
+        let shadow_points = budget.shadow_points.share(waiting);
+        let removals = budget.removals.share(waiting) as usize;
+        let forced = self.plan.forced.len().min(removals);
+        let free = local.free_count() as usize + forced;
+        let affordable =
+            self.affordable_adds(table, budget.adds.share(waiting) as usize, shadow_points, tick);
+        // What is displaced makes room for what comes now, never more: a slot in hand is light.
+        let displaced = self.plan.displaced.len().min(removals - forced).min(affordable.saturating_sub(free));
+        let adds = affordable.min(free + displaced);
+
+        let mut leaving = take_last(&mut self.plan.forced, forced);
+        leaving.extend(take_last(&mut self.plan.displaced, displaced));
+        let removed = if leaving.is_empty() { Ok(()) } else { local.remove(&leaving) };
+        if let Err(error) = removed {
+            self.local = Some(local);
+            return Err(error);
+        }
+        for id in &leaving {
+            table.release(id.chunk);
+        }
+        let mut newcomers = Vec::with_capacity(adds);
+        for id in take_last(&mut self.plan.adds, adds).into_iter().rev() {
+            newcomers
+                .push((id, Arc::clone(table.chunk(id.chunk).expect("a planned patch's tile is in memory"))));
+        }
+        let added = if newcomers.is_empty() { Default::default() } else { local.add(&newcomers) };
+        for &slot in &added.slots {
+            table.hold(local.resident(slot).id.chunk);
+        }
+        let (lit, spent) = self.relight(table, tick).light(&mut local, &added.slots, u32::MAX);
+        local.refresh_parts();
+        let refused = added.weak_pivots + added.refused;
+        self.is_plan_old |= refused > 0;
+        self.are_sources_old |= lit > 0;
+        self.has_news |= !leaving.is_empty() || !added.slots.is_empty();
+        self.local = Some(local);
+
+        budget.adds.spend(count(newcomers.len()));
+        budget.removals.spend(count(leaving.len()));
+        budget.shadow_points.spend(spent);
+        counters.adds += added.slots.len() as u64;
+        counters.removes += leaving.len() as u64;
+        counters.weak_pivots += u64::from(added.weak_pivots);
+        counters.refused_adds += u64::from(added.refused);
+        counters.slots_lit += u64::from(lit);
+        counters.rays += u64::from(spent);
+        Ok(())
+    }
+
+    /// How many of the next adds may come: by number, and by what their direct light costs; one in any case.
+    fn affordable_adds(&self, table: &ChunkTable, most: usize, shadow_points: u32, tick: u64) -> usize {
+        let relight = self.relight(table, tick);
+        let most = most.min(self.plan.adds.len());
+        let mut spent = 0u32;
+        for (adds, id) in self.plan.adds.iter().rev().take(most).enumerate() {
+            let chunk = table.chunk(id.chunk).expect("a planned patch's tile is in memory");
+            spent = spent.saturating_add(relight.cost(&chunk.patches[usize::from(id.local)]));
+            if adds > 0 && spent > shadow_points {
+                return adds;
+            }
+        }
+        most
+    }
+
+    /// How many slots have direct light that is out of date.
+    pub(crate) fn stale_count(&self, table: &ChunkTable) -> u32 {
+        self.local.as_ref().map_or(0, |local| self.relight(table, 0).stale_count(local))
+    }
+
+    /// Lights stale slots again, most urgent first, for up to `most` points times lights, one slot at least.
+    pub(crate) fn refresh_direct(
+        &mut self,
+        table: &ChunkTable,
+        most: u32,
+        tick: u64,
+        counters: &mut Counters,
+    ) -> u32 {
+        let Some(mut local) = self.local.take() else { return 0 };
+        let relight = self.relight(table, tick);
+        let stale = relight.stale_slots(&local);
+        let (lit, spent) = relight.light(&mut local, &stale, most);
+        self.are_sources_old |= lit > 0;
+        self.local = Some(local);
+        counters.slots_lit += u64::from(lit);
+        counters.rays += u64::from(spent);
+        spent
+    }
+
+    /// Measures drift when it is due, hands changed sources over, steps the backend and reads the light.
+    ///
+    /// # Errors
+    /// Whatever the backend says: it is of no more use.
+    pub(crate) fn advance(
+        &mut self,
+        config: &EngineConfig,
+        tick: u64,
+        counters: &mut Counters,
+    ) -> Result<(), BackendError> {
+        let Some(local) = &mut self.local else { return Ok(()) };
+        if local.swaps_since_probe >= config.drift_probe_every_swaps {
+            local.swaps_since_probe = 0;
+            self.drift = local.backend.drift(config.seed.wrapping_add(tick));
+            counters.drift_probes += 1;
+            if self.drift.is_nan() || self.drift > config.drift_max {
+                local.backend.resolve()?;
+                local.needs_step = true;
+                counters.resolves += 1;
+            }
+        }
+        if std::mem::take(&mut self.are_sources_old) {
+            counters.limited_sources += relight::set_sources(local, &self.rig)?;
+        }
+        self.has_news |= relight::step(local)?;
+        Ok(())
+    }
+
+    /// Frees every slot: the session closes, or its backend is of no more use.
+    pub(crate) fn drop_local(&mut self, table: &mut ChunkTable) {
+        if let Some(local) = self.local.take() {
+            for (_, resident) in local.iter() {
+                table.release(resident.id.chunk);
+            }
+        }
+        self.plan = SwapPlan::default();
+        self.is_plan_old = true;
+        self.are_sources_old = true;
+    }
+
+    /// Takes a fresh backend's empty local set.
+    pub(crate) fn set_local(&mut self, local: LocalSet) {
+        self.local = Some(local);
+        self.is_plan_old = true;
+        self.are_sources_old = true;
+    }
+
+    /// How complete the light is.
+    pub(crate) fn quality(&self, table: &ChunkTable) -> FrameQuality {
+        let Some(local) = &self.local else { return FrameQuality::default() };
+        let offered: u64 = self.chunks.iter().map(|chunk| u64::from(chunk.patch_count)).sum();
+        let wanted =
+            offered.saturating_sub(u64::from(local.refused_count())).min(u64::from(local.capacity()));
+        let stale_direct = self.stale_count(table);
+        let is_loaded = self.focus.is_some() && self.chunks.iter().all(|chunk| chunk.has_tile);
+        FrameQuality {
+            resident_patches: local.len(),
+            wanted_patches: u32::try_from(wanted).expect("limited by the capacity"),
+            stale_direct,
+            settled: is_loaded && stale_direct == 0 && !self.is_plan_old && self.plan.is_empty(),
+        }
+    }
+
+    /// The light as it is now, if that is news.
+    pub(crate) fn next_frame(&mut self, table: &ChunkTable, now_s: f64) -> Option<Arc<Frame>> {
+        let quality = self.quality(table);
+        self.focus?;
+        let local = self.local.as_mut()?;
+        if !std::mem::take(&mut self.has_news) && self.told == Some(quality) {
+            return None;
+        }
+        let order = local.frame_order().to_vec();
+        let patches = order.into_iter().map(|slot| patch_light(local.resident(slot))).collect();
+        self.told = Some(quality);
+        self.frames += 1;
+        let voxel_edge_m = table.grid().voxel_edge_m;
+        let frame = Arc::new(Frame {
+            session: self.id,
+            number: self.frames,
+            time_s: now_s,
+            voxel_edge_m,
+            patches,
+            quality,
+        });
+        self.last_frame = Some(Arc::clone(&frame));
+        Some(frame)
+    }
+
+    /// Plain numbers.
+    pub(crate) fn stats(&self, table: &ChunkTable) -> SessionStats {
+        let quality = self.quality(table);
+        SessionStats {
+            session: self.id,
+            resident_patches: quality.resident_patches,
+            wanted_patches: quality.wanted_patches,
+            stale_direct: quality.stale_direct,
+            refused_patches: self.local.as_ref().map_or(0, LocalSet::refused_count),
+            settled: quality.settled,
+            frames: self.frames,
+            drift: self.drift,
+        }
+    }
+}
+
+fn patch_light(resident: &Resident) -> PatchLight {
+    let parts = resident.parts;
+    PatchLight {
+        voxel: resident.patch.voxel,
+        direction: resident.patch.direction,
+        irradiance: resident.light.irradiance,
+        sky_irradiance: resident.light.sky_irradiance(),
+        known_share: (parts.resident + parts.sky + parts.absorbed).clamp(0.0, 1.0),
+        far_share: parts.far.clamp(0.0, 1.0),
+    }
+}
+
+fn take_last<T>(list: &mut Vec<T>, how_many: usize) -> Vec<T> {
+    list.split_off(list.len() - how_many)
+}
+
+fn count(length: usize) -> u32 {
+    u32::try_from(length).expect("budgets are u32")
+}

@@ -1,0 +1,90 @@
+//! From columns of rows to slots: one table a chunk, indexed by the patch's place in it.
+
+use earthshine_world::{Chunk, ChunkId, PatchId, RowParts};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Stands for "holds no slot".
+pub(crate) const FREE: u32 = u32::MAX;
+
+/// The slots that one chunk's patches hold in one local set.
+#[derive(Debug)]
+pub(crate) struct SlotTable {
+    pub(crate) chunk: Arc<Chunk>,
+    slots: Vec<u32>,
+    taken: u32,
+}
+
+impl SlotTable {
+    pub(crate) fn new(chunk: Arc<Chunk>) -> Self {
+        let slots = vec![FREE; chunk.patches.len()];
+        Self { chunk, slots, taken: 0 }
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.taken == 0
+    }
+
+    pub(crate) fn taken(&self) -> u32 {
+        self.taken
+    }
+
+    pub(crate) fn is_taken(&self, local: usize) -> bool {
+        self.slots.get(local).is_some_and(|&slot| slot != FREE)
+    }
+
+    pub(crate) fn slot(&self, local: usize) -> Option<u32> {
+        self.slots.get(local).copied().filter(|&slot| slot != FREE)
+    }
+
+    /// Patches that hold slots, ascending.
+    pub(crate) fn patches(&self) -> impl Iterator<Item = PatchId> {
+        (0u16..=u16::MAX)
+            .zip(&self.slots)
+            .filter(|&(_, &slot)| slot != FREE)
+            .map(|(local, _)| PatchId { chunk: self.chunk.id, local })
+    }
+
+    pub(crate) fn take(&mut self, local: usize, slot: u32) {
+        assert_eq!(self.slots[local], FREE, "a patch holds one slot");
+        self.slots[local] = slot;
+        self.taken += 1;
+    }
+
+    pub(crate) fn free(&mut self, local: usize) {
+        assert_ne!(self.slots[local], FREE, "only a held slot is freed");
+        self.slots[local] = FREE;
+        self.taken -= 1;
+    }
+}
+
+/// Calls `visit` with the slot (or [`FREE`]) and the share of every entry of row `local` of `chunk`.
+pub(crate) fn visit_row(
+    tables: &BTreeMap<ChunkId, SlotTable>,
+    chunk: &Chunk,
+    local: usize,
+    mut visit: impl FnMut(u32, f32),
+) {
+    let slots: Vec<&[u32]> =
+        chunk.rows.segments.iter().map(|id| tables.get(id).map_or(&[][..], |table| &table.slots)).collect();
+    for (column, share) in chunk.rows.row(local) {
+        let slot = slots[usize::from(column.segment)].get(usize::from(column.local)).copied().unwrap_or(FREE);
+        visit(slot, share);
+    }
+}
+
+/// How row `local` of `chunk` splits over the slots taken now. What is not resident is far, and never the sky's.
+pub(crate) fn split_row(tables: &BTreeMap<ChunkId, SlotTable>, chunk: &Chunk, local: usize) -> RowParts {
+    // Shares come from f16 or f32: their sums in f64 do not depend on the order.
+    let (mut resident, mut far) = (0.0f64, 0.0f64);
+    visit_row(tables, chunk, local, |slot, share| {
+        *(if slot == FREE { &mut far } else { &mut resident }) += f64::from(share);
+    });
+    let sky: f64 = chunk.rows.sky_shares[local].iter().map(|&share| f64::from(share)).sum();
+    RowParts {
+        resident: resident as f32,
+        far: far as f32,
+        sky: sky as f32,
+        absorbed: chunk.rows.absorbed_shares[local],
+    }
+}

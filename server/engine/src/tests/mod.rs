@@ -1,0 +1,11 @@
+//! Tests of the engine as a whole: in-memory worlds, a backend that iterates, a seeded simulator.
+
+mod backend;
+mod budgets;
+mod faults;
+mod harness;
+mod light;
+mod residency;
+mod simulator;
+pub(crate) mod world;
+mod timing;

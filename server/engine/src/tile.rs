@@ -1,0 +1,138 @@
+//! A decoded chunk as the engine holds it: checked for what the engine relies on, and weighed.
+//!
+//! The tile reader has verified the bytes; this check is about structure, so that no index can be out of range
+//! and no number can poison a matrix.
+
+use crate::error::TileFault;
+use earthshine_light::Occluders;
+use earthshine_world::{Chunk, ChunkRows, ChunkSummary, Grid, Patch, SamplePoint};
+use std::mem::size_of;
+use std::sync::Arc;
+
+/// A chunk in memory.
+#[derive(Debug, Clone)]
+pub(crate) struct Tile {
+    pub(crate) chunk: Arc<Chunk>,
+    /// Chunk and shadow casters, bytes.
+    pub(crate) bytes: u64,
+    /// Whether it has shadow casters at all.
+    pub(crate) casts_shadows: bool,
+}
+
+impl Tile {
+    /// Checks and weighs.
+    pub(crate) fn new(chunk: Arc<Chunk>, occluders: &Occluders, grid: &Grid) -> Result<Self, TileFault> {
+        check_patches(&chunk, grid)?;
+        check_rows(&chunk.rows, chunk.patches.len())?;
+        let bytes = (chunk_bytes(&chunk) + occluders.bytes()) as u64;
+        Ok(Self { chunk, bytes, casts_shadows: occluders.triangle_count() > 0 })
+    }
+}
+
+/// What a chunk will weigh, guessed from the index, bytes.
+pub(crate) fn estimated_bytes(summary: &ChunkSummary) -> u64 {
+    const POINTS_PER_PATCH: usize = 16;
+    const ROW_BYTES: usize = size_of::<[f32; 8]>();
+    const NONZERO_BYTES: u64 = 8;
+    let patch_bytes = size_of::<Patch>() + POINTS_PER_PATCH * size_of::<SamplePoint>() + ROW_BYTES;
+    u64::from(summary.patch_count)
+        .saturating_mul(patch_bytes as u64)
+        .saturating_add(summary.nonzero_count.saturating_mul(NONZERO_BYTES))
+        .saturating_add(summary.tile_bytes)
+}
+
+fn chunk_bytes(chunk: &Chunk) -> usize {
+    let rows = &chunk.rows;
+    size_of::<Chunk>()
+        + size_of_val(chunk.patches.as_slice())
+        + size_of_val(chunk.points.as_slice())
+        + size_of_val(rows.segments.as_slice())
+        + size_of_val(rows.row_starts.as_slice())
+        + size_of_val(rows.columns.as_slice())
+        + size_of_val(rows.shares.as_slice())
+        + size_of_val(rows.sky_shares.as_slice())
+        + size_of_val(rows.absorbed_shares.as_slice())
+        + size_of_val(chunk.occluders.vertices.as_slice())
+        + size_of_val(chunk.occluders.triangles.as_slice())
+        + size_of_val(chunk.occluders.surfaces.as_slice())
+}
+
+fn check_patches(chunk: &Chunk, grid: &Grid) -> Result<(), TileFault> {
+    if chunk.patches.len() > Chunk::PATCHES_MAX {
+        return Err(TileFault::Lengths);
+    }
+    let mut places = Vec::with_capacity(chunk.patches.len());
+    for (index, patch) in chunk.patches.iter().enumerate() {
+        let points = u64::from(patch.point_first) + u64::from(patch.point_count) <= chunk.points.len() as u64;
+        let light =
+            [patch.reflectance, patch.emission].iter().all(|rgb| rgb.is_finite() && rgb.min_element() >= 0.0);
+        let shape = patch.area.is_finite() && patch.area > 0.0 && patch.centroid.is_finite();
+        if !(points && light && shape && grid.chunk_of(patch.voxel) == chunk.id.coord) {
+            return Err(TileFault::Patch(index));
+        }
+        places.push((patch.voxel.to_array(), patch.direction));
+    }
+    places.sort_unstable();
+    if places.windows(2).any(|pair| pair[0] == pair[1]) { Err(TileFault::Duplicate) } else { Ok(()) }
+}
+
+fn check_rows(rows: &ChunkRows, patch_count: usize) -> Result<(), TileFault> {
+    let entries = rows.columns.len();
+    let lengths = [rows.row_starts.len(), rows.sky_shares.len() + 1, rows.absorbed_shares.len() + 1];
+    if lengths != [patch_count + 1; 3] || rows.shares.len() != entries {
+        return Err(TileFault::Lengths);
+    }
+    let starts = &rows.row_starts;
+    let ordered = starts[0] == 0 && starts.windows(2).all(|pair| pair[0] <= pair[1]);
+    if !ordered || starts[patch_count] as usize != entries {
+        return Err(TileFault::Lengths);
+    }
+    let is_share = |share: &f32| (0.0..=1.0).contains(share);
+    let shares =
+        rows.shares.iter().chain(rows.sky_shares.as_flattened()).chain(&rows.absorbed_shares).all(is_share);
+    let known = rows.columns.iter().all(|column| usize::from(column.segment) < rows.segments.len());
+    let ascending = starts
+        .windows(2)
+        .all(|pair| rows.columns[pair[0] as usize..pair[1] as usize].is_sorted_by(|a, b| a < b));
+    let segments = rows.segments.is_sorted_by(|a, b| a < b);
+    if shares && known && ascending && segments { Ok(()) } else { Err(TileFault::Rows) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::world::{RandomWorld, WorldShape};
+    use earthshine_world::OccluderMesh;
+
+    fn check(spoil: impl FnOnce(&mut Chunk)) -> Result<(), TileFault> {
+        let world = RandomWorld::new(1, WorldShape::default());
+        let fullest = world.chunks.values().max_by_key(|chunk| chunk.patches.len()).unwrap();
+        let mut chunk = Chunk::clone(fullest);
+        spoil(&mut chunk);
+        Tile::new(Arc::new(chunk), &Occluders::build(&OccluderMesh::default()), &world.index.grid).map(|_| ())
+    }
+
+    #[test]
+    fn each_broken_table_is_refused() {
+        assert_eq!(check(|_| ()), Ok(()));
+        let cases: [(TileFault, fn(&mut Chunk)); 14] = [
+            (TileFault::Lengths, |c| c.rows.absorbed_shares.truncate(1)),
+            (TileFault::Lengths, |c| c.rows.shares.truncate(1)),
+            (TileFault::Lengths, |c| c.rows.row_starts[1] = u32::MAX),
+            (TileFault::Lengths, |c| *c.rows.row_starts.last_mut().unwrap() -= 1),
+            (TileFault::Patch(0), |c| c.patches[0].area = 0.0),
+            (TileFault::Patch(0), |c| c.patches[0].voxel.x += 1000),
+            (TileFault::Patch(0), |c| c.patches[0].point_count = u32::MAX),
+            (TileFault::Patch(1), |c| c.patches[1].centroid.x = f32::NAN),
+            (TileFault::Patch(1), |c| c.patches[1].reflectance.x = f32::INFINITY),
+            (TileFault::Duplicate, |c| c.patches[1] = c.patches[0]),
+            (TileFault::Rows, |c| c.rows.columns[0].segment = 999),
+            (TileFault::Rows, |c| c.rows.shares[0] = f32::NAN),
+            (TileFault::Rows, |c| c.rows.sky_shares[0][3] = -0.1),
+            (TileFault::Rows, |c| c.rows.segments.reverse()),
+        ];
+        for (number, (fault, spoil)) in cases.into_iter().enumerate() {
+            assert_eq!(check(spoil), Err(fault), "case {number}");
+        }
+    }
+}

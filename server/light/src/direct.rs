@@ -1,0 +1,161 @@
+//! Direct irradiance of a patch: the mean over its sample points, each with its own shadow rays.
+//!
+//! Pure and single-threaded: the engine decides which patches, when, and on which thread.
+
+use crate::arrival::arrival;
+use crate::occluder_set::OccluderSet;
+use earthshine_world::random::{Purpose, hash, unit_pair};
+use earthshine_world::{Light, Rgb, SamplePoint, Vec3};
+
+/// Steps of the two-dimensional golden-ratio sequence: any run of its points covers the square evenly.
+const DISC_STEPS: (f32, f32) = (0.754_877_7, 0.569_840_3);
+
+/// Mean irradiance from `lights` over `points`, lx, with shadows by `occluders`.
+///
+/// Points stand for equal shares of the patch, so this is the plain mean; none at all give zero.
+/// A point is moved `epsilon_m` along its normal before it looks, and a lamp that sits on a surface is
+/// asked for from `epsilon_m` short of it: the surface under either casts no shadow on itself.
+/// Each point sees the sun at its own place on the sun's disc, the same for the same `seed`.
+#[must_use]
+pub fn direct_irradiance(
+    occluders: &OccluderSet,
+    lights: &[Light],
+    points: &[SamplePoint],
+    epsilon_m: f32,
+    seed: u64,
+) -> Rgb {
+    let Some(first) = points.first() else { return Rgb::ZERO };
+    let mut sum = Rgb::ZERO;
+    for (light_index, light) in lights.iter().enumerate() {
+        let shift = disc_shift(seed, light_index, first.position);
+        for (point_index, point) in points.iter().enumerate() {
+            let disc = disc_place(shift, point_index);
+            sum += shadowed(occluders, light, point, epsilon_m, disc);
+        }
+    }
+    sum / points.len() as f32
+}
+
+fn shadowed(
+    occluders: &OccluderSet,
+    light: &Light,
+    point: &SamplePoint,
+    epsilon_m: f32,
+    disc: (f32, f32),
+) -> Rgb {
+    let from = point.position + point.normal * epsilon_m;
+    let Some(found) = arrival(light, point.position, point.normal, disc) else { return Rgb::ZERO };
+    // A lamp nearer than the epsilon has nothing in between that could be told apart from it.
+    let reach = (found.distance_m - 2.0 * epsilon_m).max(0.0);
+    found.irradiance * occluders.transmittance(from, found.towards, reach)
+}
+
+/// Where a patch's walk over the disc begins; the place is in it so that neighbours differ under one seed.
+fn disc_shift(seed: u64, light_index: usize, place: Vec3) -> (f32, f32) {
+    let [x, y, z] = place.to_array().map(|component| u64::from(component.to_bits()));
+    unit_pair(hash(seed ^ z, Purpose::SunDisc, x << 32 | y, light_index as u64))
+}
+
+fn disc_place(shift: (f32, f32), point_index: usize) -> (f32, f32) {
+    // Patches have tens of points; the fraction stays exact enough far beyond that.
+    let step = point_index as f32;
+    ((shift.0 + step * DISC_STEPS.0).fract(), (shift.1 + step * DISC_STEPS.1).fract())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::occluders::Occluders;
+    use earthshine_world::{ChunkCoord, ChunkId, OccluderMesh};
+    use std::sync::Arc;
+
+    const EPSILON_M: f32 = 1e-4;
+
+    /// A plate at height 1 over x < 0, and the ground at height 0.
+    fn half_plate(opacity: u8) -> OccluderSet {
+        let quad = |x0: f32, x1: f32, y: f32| {
+            let edge = 50.0;
+            vec![
+                Vec3::new(x0, y, -edge),
+                Vec3::new(x0, y, edge),
+                Vec3::new(x1, y, edge),
+                Vec3::new(x1, y, -edge),
+            ]
+        };
+        let mut vertices = quad(-50.0, 0.0, 1.0);
+        vertices.extend(quad(-50.0, 50.0, 0.0));
+        let mesh = OccluderMesh {
+            vertices,
+            triangles: vec![[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]],
+            surfaces: vec![[0, 0, 0, opacity], [0, 0, 0, opacity], [0, 0, 0, 255], [0, 0, 0, 255]],
+        };
+        let mut set = OccluderSet::new();
+        set.insert(ChunkId::new(0, ChunkCoord::ZERO), Arc::new(Occluders::build(&mesh)));
+        set
+    }
+
+    fn ground(x: f32) -> SamplePoint {
+        SamplePoint { position: Vec3::new(x, 0.0, 0.1), normal: Vec3::Y }
+    }
+
+    fn sun(angular_diameter_rad: f32) -> Light {
+        Light::Directional { direction: Vec3::NEG_Y, illuminance: Rgb::splat(10.0), angular_diameter_rad }
+    }
+
+    #[test]
+    fn a_plate_shadows_what_is_under_it_and_the_ground_does_not_shadow_itself() {
+        let points = [ground(-0.5), ground(0.5), ground(1.5), ground(-1.5)];
+        let at = |i: usize| direct_irradiance(&half_plate(255), &[sun(0.0)], &points[i..=i], EPSILON_M, 1).x;
+        assert_eq!([at(0), at(1), at(2), at(3)], [0.0, 10.0, 10.0, 0.0]);
+        let mean = direct_irradiance(&half_plate(255), &[sun(0.0)], &points, EPSILON_M, 1);
+        assert!((mean.x - 5.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_mask_lets_its_share_through() {
+        let found = direct_irradiance(&half_plate(51), &[sun(0.0)], &[ground(-0.5)], EPSILON_M, 1);
+        assert!((found.x - 8.0).abs() < 1e-5, "{found}");
+    }
+
+    #[test]
+    fn lamps_are_shadowed_only_by_what_is_nearer() {
+        let lamp = |y: f32| Light::Point {
+            position: Vec3::new(-1.0, y, 0.1),
+            intensity: Rgb::splat(4.0),
+            range_m: None,
+        };
+        let found = |y: f32| direct_irradiance(&half_plate(255), &[lamp(y)], &[ground(-1.0)], EPSILON_M, 1).x;
+        assert!((found(0.5) - 16.0).abs() < 1e-3);
+        assert_eq!(found(2.0), 0.0);
+        assert!((found(1.0) - 4.0).abs() < 1e-3, "a lamp on the plate is not shadowed by it");
+    }
+
+    #[test]
+    fn nothing_gives_nothing_and_lights_add() {
+        let set = OccluderSet::new();
+        assert_eq!(direct_irradiance(&set, &[sun(0.0)], &[], EPSILON_M, 1), Rgb::ZERO);
+        assert_eq!(direct_irradiance(&set, &[], &[ground(0.0)], EPSILON_M, 1), Rgb::ZERO);
+        let two = direct_irradiance(&set, &[sun(0.0), sun(0.0)], &[ground(0.0)], EPSILON_M, 1);
+        assert!((two.x - 20.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn a_penumbra_is_the_visible_share_of_the_disc() {
+        // Straight under the plate's edge half of the disc shows; at x the chord at tan(angle) = x cuts it.
+        let diameter = 0.4f32;
+        let radius = (0.5 * diameter).tan();
+        for offset in [0.0f32, 0.5, -0.5] {
+            let points = vec![ground(offset * radius); 4096];
+            let found = direct_irradiance(&half_plate(255), &[sun(diameter)], &points, EPSILON_M, 3).x / 10.0;
+            // Share of a circle on one side of a chord at `offset` radii.
+            let share =
+                0.5 + (offset.asin() + offset * (1.0 - offset * offset).sqrt()) / std::f32::consts::PI;
+            assert!((found - share).abs() < 0.01, "offset {offset}: {found} for {share}");
+        }
+        let once = direct_irradiance(&half_plate(255), &[sun(diameter)], &[ground(0.01)], EPSILON_M, 3);
+        assert_eq!(
+            once,
+            direct_irradiance(&half_plate(255), &[sun(diameter)], &[ground(0.01)], EPSILON_M, 3)
+        );
+    }
+}

@@ -1,0 +1,76 @@
+//! How exact the matrix stays over many swaps, and how far off the sources' update goes.
+
+use super::{ClosedBox, ErrorPoint, MatrixBenchError, Streamed};
+use crate::backend::{Backend, Update};
+use crate::cpu::CpuBackend;
+use crate::local_matrix::{Arrival, LocalMatrix};
+
+/// Swap counts at which the error is looked at, besides the last.
+const CURVE: [u32; 5] = [10, 100, 1_000, 4_000, 40_000];
+/// Swaps between drift probes, and the drift that calls for a fresh solve.
+const PROBE_SWAPS: u32 = 1_000;
+const DRIFT_MAX: f32 = 1e-4;
+
+/// What came out.
+#[derive(Debug)]
+pub(super) struct Accuracy {
+    pub(super) exact_rel: f64,
+    pub(super) frobenius_rel: f64,
+    pub(super) truncated_rel: f64,
+    pub(super) curve: Vec<ErrorPoint>,
+    pub(super) drift_rel: f64,
+    pub(super) repairs: u32,
+}
+
+pub(super) fn measure(m: u32, swaps: u32, block: usize, seed: u64) -> Result<Accuracy, MatrixBenchError> {
+    let mut backend = CpuBackend::new(m)?;
+    let mut truncated = LocalMatrix::new(m)?;
+    let slots = m as usize;
+    let mut streamed = Streamed::new(ClosedBox::new(2 * slots, seed), slots, seed);
+    apply(&mut backend, &mut truncated, &streamed.enter(slots))?;
+    let (mut done, mut curve, mut repairs) = (0, Vec::new(), 0);
+    let mut stops = CURVE.iter().copied().filter(|&stop| stop < swaps).chain([swaps]).peekable();
+    while let Some(&stop) = stops.peek() {
+        let count = block.min((stop - done) as usize);
+        apply(&mut backend, &mut truncated, &streamed.leave(count))?;
+        apply(&mut backend, &mut truncated, &streamed.enter(count))?;
+        let before = done;
+        done += count as u32;
+        if before / PROBE_SWAPS != done / PROBE_SWAPS && backend.drift(seed + u64::from(done)) > DRIFT_MAX {
+            backend.resolve()?;
+            repairs += 1;
+        }
+        if done == stop {
+            stops.next();
+            let exact_rel = streamed.error_of(backend.matrix())?.irradiance_rel;
+            let truncated_rel = streamed.error_of(&truncated)?.irradiance_rel;
+            curve.push(ErrorPoint { swaps: done, exact_rel, truncated_rel });
+        }
+    }
+    let last = streamed.error_of(backend.matrix())?;
+    Ok(Accuracy {
+        exact_rel: last.irradiance_rel,
+        frobenius_rel: last.frobenius_rel,
+        truncated_rel: curve.last().map_or(0.0, |point| point.truncated_rel),
+        curve,
+        drift_rel: f64::from(backend.drift(seed)),
+        repairs,
+    })
+}
+
+fn apply(
+    backend: &mut CpuBackend,
+    truncated: &mut LocalMatrix,
+    updates: &[Update],
+) -> Result<(), MatrixBenchError> {
+    backend.apply(updates)?;
+    for update in updates {
+        match update {
+            Update::Add { slot, reflectance, row, column } => {
+                truncated.add_truncated(&Arrival { slot: *slot, reflectance: *reflectance, row, column });
+            }
+            Update::Remove { slot } => truncated.remove_truncated(*slot),
+        }
+    }
+    Ok(())
+}

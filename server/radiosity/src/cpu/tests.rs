@@ -1,0 +1,186 @@
+//! The CPU backend against its contract.
+
+use super::*;
+use crate::bench::Streamed;
+use crate::closed_box::ClosedBox;
+
+fn furnace(patches: usize, reflectance: f32) -> (CpuBackend, Vec<Slot>) {
+    let room = ClosedBox::new(patches, 11);
+    let mut backend = CpuBackend::new(patches as u32).expect("small");
+    for i in 0..patches {
+        let row = (0..i).map(|j| (Slot(j as u32), room.form_factor(i, j))).collect();
+        let column = (0..i).map(|j| (Slot(j as u32), room.form_factor(j, i))).collect();
+        let update = Update::Add { slot: Slot(i as u32), reflectance: Rgb::splat(reflectance), row, column };
+        assert_eq!(backend.apply(&[update]).expect("a new patch").added, 1);
+    }
+    (backend, (0..patches as u32).map(Slot).collect())
+}
+
+fn light_up(backend: &mut CpuBackend, slots: &[Slot], direct: Rgb, outside: Rgb) -> Vec<Rgb> {
+    backend.set_sources(slots, &vec![direct; slots.len()], &vec![outside; slots.len()]).expect("taken");
+    backend.step().expect("no device to lose");
+    let mut irradiance = vec![Rgb::ZERO; slots.len()];
+    backend.read_irradiance(slots, &mut irradiance).expect("taken");
+    irradiance
+}
+
+/// Goal: energy is kept through the whole path. Method: white furnace, `B = E / (1 - rho)`.
+#[test]
+fn a_white_furnace_is_uniform() {
+    for reflectance in [0.5, 0.8] {
+        let (mut backend, slots) = furnace(96, reflectance);
+        for irradiance in light_up(&mut backend, &slots, Rgb::ONE, Rgb::ZERO) {
+            let exitance = Rgb::ONE + reflectance * irradiance;
+            assert!((exitance * (1.0 - reflectance) - 1.0).abs().max_element() < 5e-3, "{exitance}");
+        }
+    }
+}
+
+/// Goal: light from outside bounces inside. Method: in a closed room, `I = g + F rho I` is `g / (1 - rho)` when uniform.
+#[test]
+fn outside_light_bounces_inside() {
+    let (mut backend, slots) = furnace(96, 0.5);
+    for irradiance in light_up(&mut backend, &slots, Rgb::ZERO, Rgb::new(1.0, 2.0, 0.0)) {
+        assert!((irradiance - Rgb::new(2.0, 4.0, 0.0)).abs().max_element() < 2e-2, "{irradiance}");
+    }
+}
+
+#[test]
+fn a_step_recomputes_only_what_changed() {
+    let (mut backend, slots) = furnace(40, 0.5);
+    let first = light_up(&mut backend, &slots, Rgb::ONE, Rgb::ZERO);
+    assert_eq!(backend.step(), Ok(StepStats { lit_columns: 40, recomputed: false }));
+    assert_eq!(light_up(&mut backend, &slots, Rgb::ONE, Rgb::ZERO), first, "the same sources are no change");
+    assert_eq!(backend.step().map(|stats| stats.recomputed), Ok(false));
+    backend.set_sources(&slots[3..], &[Rgb::ZERO; 37], &[Rgb::ZERO; 37]).expect("taken");
+    assert_eq!(backend.step(), Ok(StepStats { lit_columns: 3, recomputed: true }));
+    backend.apply(&[Update::Remove { slot: slots[1] }]).expect("taken");
+    assert_eq!(backend.step(), Ok(StepStats { lit_columns: 2, recomputed: true }));
+    backend.apply(&[]).expect("nothing to do");
+    assert_eq!(backend.step(), Ok(StepStats { lit_columns: 2, recomputed: false }));
+}
+
+/// Goal: whatever the error, nothing has happened. Method: good updates followed by each kind of bad one;
+/// light and matrix stay the same to the bit.
+#[test]
+fn an_error_leaves_no_trace() {
+    let (mut backend, slots) = furnace(24, 0.5);
+    backend.apply(&[Update::Remove { slot: Slot(5) }]).expect("taken");
+    let slots: Vec<Slot> = slots.into_iter().filter(|slot| slot.0 != 5).collect();
+    let before = light_up(&mut backend, &slots, Rgb::ONE, Rgb::splat(0.5));
+    let add = |slot: u32, row: Vec<(Slot, f32)>, column: Vec<(Slot, f32)>| Update::Add {
+        slot: Slot(slot),
+        reflectance: Rgb::splat(0.5),
+        row,
+        column,
+    };
+    let good = [Update::Remove { slot: Slot(7) }, add(5, vec![(Slot(5), 0.1), (Slot(1), 0.1)], vec![])];
+    let bad = [
+        (add(8, vec![], vec![]), BackendError::SlotTaken(Slot(8))),
+        (add(24, vec![], vec![]), BackendError::SlotOutside(Slot(24), 24)),
+        (Update::Remove { slot: Slot(7) }, BackendError::SlotFree(Slot(7))),
+        (Update::Remove { slot: Slot(99) }, BackendError::SlotOutside(Slot(99), 24)),
+        (add(7, vec![(Slot(1), 1.5)], vec![]), BackendError::Share(Slot(1), 1.5)),
+        (add(7, vec![], vec![(Slot(1), -0.5)]), BackendError::Share(Slot(1), -0.5)),
+        (add(7, vec![(Slot(40), 0.5)], vec![]), BackendError::SlotOutside(Slot(40), 24)),
+        (add(7, vec![], vec![(Slot(7), 0.5)]), BackendError::SlotFree(Slot(7))),
+    ];
+    for (last, expected) in bad {
+        let batch = [good[0].clone(), good[1].clone(), last];
+        assert_eq!(backend.apply(&batch), Err(expected));
+        assert_eq!(backend.step().map(|stats| stats.recomputed), Ok(false));
+    }
+    let unreal = Update::Add { slot: Slot(5), reflectance: Rgb::splat(f32::NAN), row: vec![], column: vec![] };
+    assert_eq!(backend.apply(&[unreal]), Err(BackendError::NotFinite(Slot(5))));
+    let two = [Slot(0), Slot(5)];
+    assert_eq!(backend.set_sources(&two, &[Rgb::ONE; 2], &[Rgb::ONE; 2]), Err(BackendError::SlotFree(Slot(5))));
+    let dark = [Rgb::ONE, Rgb::splat(-1.0)];
+    let error = backend.set_sources(&slots[..2], &dark, &dark);
+    assert_eq!(error, Err(BackendError::NotFinite(slots[1])));
+    let length = Err(BackendError::Length { expected: 2, actual: 1 });
+    assert_eq!(backend.set_sources(&slots[..2], &dark, &dark[..1]), length);
+    assert_eq!(backend.read_irradiance(&slots[..2], &mut [Rgb::ZERO]), length);
+    assert_eq!(backend.read_irradiance(&[Slot(5)], &mut [Rgb::ZERO]), Err(BackendError::SlotFree(Slot(5))));
+    assert_eq!(light_up(&mut backend, &slots, Rgb::ONE, Rgb::splat(0.5)), before);
+}
+
+/// Goal: a patch that would close a loop without loss is refused, and all that follows makes sense. Method:
+/// a patch that sees only itself; later updates of the batch name it and remove it.
+#[test]
+fn a_weak_pivot_is_refused_and_counted() {
+    let mut backend = CpuBackend::new(8).expect("small");
+    let mirror = Rgb::new(0.5, 0.98, 0.5);
+    let add = |slot: u32, row: Vec<(Slot, f32)>, column| Update::Add {
+        slot: Slot(slot),
+        reflectance: mirror,
+        row,
+        column,
+    };
+    let batch = [
+        add(0, vec![(Slot(0), 1.0)], vec![]),
+        add(1, vec![(Slot(0), 0.5), (Slot(1), 0.25)], vec![(Slot(0), 0.5)]),
+        Update::Remove { slot: Slot(0) },
+        add(2, vec![(Slot(1), 0.5)], vec![(Slot(1), 0.5)]),
+    ];
+    let stats = backend.apply(&batch).expect("within the contract");
+    assert_eq!(stats, ApplyStats { added: 2, removed: 0, weak_pivots: 1 });
+    assert!(!backend.is_taken(Slot(0)) && backend.is_taken(Slot(1)) && backend.is_taken(Slot(2)));
+    assert!(backend.drift(1) < 1e-6);
+    let alone = backend.apply(&[add(0, vec![(Slot(0), 1.0)], vec![])]).expect("within the contract");
+    assert_eq!(alone, ApplyStats { added: 0, removed: 0, weak_pivots: 1 });
+}
+
+/// Goal: the same light to the bit at any number of threads. Method: one seeded life on pools of 1 and 2.
+#[test]
+fn threads_do_not_change_a_bit() {
+    let live = || {
+        let mut streamed = Streamed::new(ClosedBox::new(300, 2), 210, 2);
+        let mut backend = CpuBackend::new(210).expect("small");
+        for (leave, enter) in [(0, 210), (40, 33), (1, 1), (2, 2), (60, 67)] {
+            backend.apply(&streamed.leave(leave)).expect("resident");
+            backend.apply(&streamed.enter(enter)).expect("free");
+        }
+        let slots = streamed.taken();
+        let sources: Vec<Rgb> = slots.iter().map(|&slot| streamed.source(slot)).collect();
+        backend.set_sources(&slots, &sources, &sources).expect("taken");
+        backend.step().expect("no device to lose");
+        let mut irradiance = vec![Rgb::ZERO; slots.len()];
+        backend.read_irradiance(&slots, &mut irradiance).expect("taken");
+        (irradiance, backend.drift(3))
+    };
+    let on = |threads| {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool").install(live)
+    };
+    let (one, two) = (on(1), on(2));
+    assert!(one.0[0].max_element() > 0.1, "{:?}", one.0[0]);
+    assert!(one == two);
+}
+
+#[test]
+fn capacities_that_cannot_be_are_errors() {
+    assert_eq!(CpuBackend::new(0).err(), Some(CapacityError::Zero));
+    assert_eq!(CpuBackend::new(u32::MAX).err(), Some(CapacityError::TooLarge(u32::MAX)));
+    assert_eq!(CpuBackend::new(1).expect("one slot").capacity(), 1);
+}
+
+/// Goal: the probe sees rounding's worst and the fresh solve undoes it. Method: one entry of `H` made a half larger.
+#[test]
+fn the_probe_finds_a_fault_and_resolve_repairs_it() {
+    let mut streamed = Streamed::new(ClosedBox::new(160, 6), 130, 6);
+    let mut backend = CpuBackend::new(130).expect("small");
+    backend.apply(&streamed.enter(130)).expect("free");
+    backend.apply(&streamed.leave(17)).expect("resident");
+    assert!(backend.drift(1) < 1e-6, "{}", backend.drift(1));
+    let brightest = (0..130).max_by_key(|&slot| {
+        (backend.matrix().entry(1, streamed.taken()[0], Slot(slot)) * 1e6) as u32
+    });
+    let row = streamed.taken()[0].0 as usize;
+    backend.matrix_mut().corrupt(1, row, brightest.expect("130 slots") as usize, 1.5);
+    assert!(backend.drift(1) > 1e-5, "{}", backend.drift(1));
+    backend.resolve().expect("no device to lose");
+    assert!(backend.drift(1) < 1e-6, "{}", backend.drift(1));
+    let error = streamed.error_of(backend.matrix()).expect("small");
+    assert!(error.frobenius_rel < 1e-6, "{error:?}");
+    backend.matrix_mut().corrupt(2, row, row, f32::NAN);
+    assert_eq!(backend.drift(1), f32::INFINITY);
+}

@@ -1,0 +1,323 @@
+//! The one thread that owns the engine and its backends.
+//!
+//! It drains what has come, ticks, hands out what the tick asked for, and sleeps until the next. Cameras and
+//! lights wait in one [`Mailbox`] a session, where the newest wins; decoded tiles wait in a bounded queue;
+//! frames go out through `watch` channels, where the newest wins again. Nothing here ever waits for a
+//! client or a disk. Start at [`EngineThread::run`].
+
+use crate::metrics::Metrics;
+use crate::publish::Answered;
+use crate::tile_loader::TileRequests;
+use earthshine_engine::{Command, Engine, EngineStats, Event, Frame, SessionId};
+use earthshine_world::{Camera, ChunkId, LightRig};
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::Receiver;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+use tokio::sync::{mpsc, oneshot, watch};
+
+/// A frame on its way to a session, and the camera that it answers.
+#[derive(Debug, Clone)]
+pub(crate) struct Published {
+    /// Whole.
+    pub(crate) frame: Arc<Frame>,
+    /// The newest camera that the engine had seen.
+    pub(crate) camera: Answered,
+}
+
+/// A session's newest frame; `None` before the first.
+pub(crate) type FrameSlot = Option<Published>;
+
+/// What one session wants of the engine: the newest of each kind, taken at every tick.
+#[derive(Debug, Default)]
+pub(crate) struct Mailbox {
+    newest: Mutex<Wishes>,
+}
+
+#[derive(Debug, Default)]
+struct Wishes {
+    camera: Option<(u64, Camera)>,
+    lights: Option<LightRig>,
+}
+
+impl Mailbox {
+    fn lock(&self) -> MutexGuard<'_, Wishes> {
+        self.newest.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Puts in a camera; whether it replaced one that the engine had not seen.
+    pub(crate) fn put_camera(&self, sequence: u64, camera: Camera) -> bool {
+        self.lock().camera.replace((sequence, camera)).is_some()
+    }
+
+    /// Puts in lights.
+    pub(crate) fn put_lights(&self, lights: LightRig) {
+        self.lock().lights = Some(lights);
+    }
+}
+
+/// A session that wants to be served. It ends when the receiver of `frames` is dropped, however that happens.
+#[derive(Debug)]
+pub(crate) struct Opening {
+    /// Its name.
+    pub(crate) session: SessionId,
+    /// What it wants.
+    pub(crate) mailbox: Arc<Mailbox>,
+    /// Where its frames go.
+    pub(crate) frames: watch::Sender<FrameSlot>,
+}
+
+/// The engine at its last tick, for metrics, health and statistics.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct EngineReport {
+    /// Its own counters.
+    pub(crate) stats: EngineStats,
+    /// Duration of the tick, s.
+    pub(crate) tick_s: f64,
+    /// The engine's clock, s.
+    pub(crate) time_s: f64,
+    /// Tiles asked for and not answered.
+    pub(crate) tiles_pending: usize,
+    /// When the tick ended; `None` before the first.
+    pub(crate) ticked: Option<Instant>,
+}
+
+/// The newest report, written by the engine's thread alone.
+#[derive(Debug, Default)]
+pub(crate) struct SharedReport(Mutex<EngineReport>);
+
+impl SharedReport {
+    /// A copy.
+    pub(crate) fn read(&self) -> EngineReport {
+        self.lock().clone()
+    }
+
+    pub(crate) fn write(&self, report: EngineReport) {
+        *self.lock() = report;
+    }
+
+    fn lock(&self) -> MutexGuard<'_, EngineReport> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Handle of the running thread.
+#[derive(Debug)]
+pub(crate) struct EngineHandle {
+    stop: Arc<AtomicBool>,
+    /// Resolves when the thread has ended, with the reason if it was not asked to.
+    pub(crate) ended: oneshot::Receiver<Option<String>>,
+    /// To be joined after [`Self::stop`].
+    pub(crate) thread: JoinHandle<()>,
+}
+
+impl EngineHandle {
+    /// Asks the thread to end after the present tick.
+    pub(crate) fn stop(&self) {
+        self.stop.store(true, Ordering::Release);
+        self.thread.thread().unpark();
+    }
+}
+
+/// Everything the thread works with.
+pub(crate) struct EngineThread {
+    /// The state machine.
+    pub(crate) engine: Engine,
+    /// Time between two ticks.
+    pub(crate) period: Duration,
+    /// New sessions.
+    pub(crate) openings: mpsc::Receiver<Opening>,
+    /// Decoded and failed tiles.
+    pub(crate) tiles: Receiver<Event>,
+    /// Where tiles are asked for.
+    pub(crate) requests: Arc<TileRequests>,
+    /// Where each tick is reported.
+    pub(crate) report: Arc<SharedReport>,
+    /// Tick times.
+    pub(crate) metrics: Arc<Metrics>,
+}
+
+struct Client {
+    mailbox: Arc<Mailbox>,
+    frames: watch::Sender<FrameSlot>,
+    camera: Option<Answered>,
+}
+
+struct Running {
+    shell: EngineThread,
+    started: Instant,
+    clients: BTreeMap<SessionId, Client>,
+    /// Requests that the loader had no room for, to be answered as failed.
+    turned_away: Vec<ChunkId>,
+    events: Vec<Event>,
+    commands: Vec<Command>,
+}
+
+impl EngineThread {
+    /// Starts the thread, named `earthshine-engine`.
+    pub(crate) fn start(self) -> std::io::Result<EngineHandle> {
+        let stop = Arc::new(AtomicBool::new(false));
+        let (say_ended, ended) = oneshot::channel();
+        let stopping = Arc::clone(&stop);
+        let thread = std::thread::Builder::new().name("earthshine-engine".to_owned()).spawn(move || {
+            let outcome = catch_unwind(AssertUnwindSafe(|| self.run(&stopping)));
+            let cause = outcome.err().map(|panic| said(panic.as_ref()));
+            // Nobody listens any more if the service was dropped meanwhile.
+            drop(say_ended.send(cause));
+        })?;
+        Ok(EngineHandle { stop, ended, thread })
+    }
+
+    fn run(self, stop: &AtomicBool) {
+        let period = self.period;
+        let mut running = Running {
+            shell: self,
+            started: Instant::now(),
+            clients: BTreeMap::new(),
+            turned_away: Vec::new(),
+            events: Vec::new(),
+            commands: Vec::new(),
+        };
+        let mut due = Instant::now();
+        while !stop.load(Ordering::Acquire) {
+            let now = Instant::now();
+            if now < due {
+                std::thread::park_timeout(due - now);
+                continue;
+            }
+            if now >= due + period {
+                running.shell.metrics.ticks_late.inc();
+            }
+            running.tick();
+            // A late tick is not made up for: the next one is a period after it was due, or now.
+            due = (due + period).max(Instant::now());
+        }
+    }
+}
+
+/// What a panic said, as far as it can be told.
+fn said(panic: &(dyn std::any::Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "a panic without words".to_owned())
+}
+
+impl Running {
+    fn tick(&mut self) {
+        let began = Instant::now();
+        let time_s = began.duration_since(self.started).as_secs_f64();
+        self.collect_sessions();
+        self.collect_tiles();
+        let events = std::mem::take(&mut self.events);
+        self.shell.engine.tick(time_s, events, &mut self.commands);
+        self.hand_out();
+        let tick_s = began.elapsed().as_secs_f64();
+        self.shell.metrics.tick_seconds.observe(tick_s);
+        self.shell.report.write(EngineReport {
+            stats: self.shell.engine.stats(),
+            tick_s,
+            time_s,
+            tiles_pending: self.shell.requests.pending(),
+            ticked: Some(Instant::now()),
+        });
+    }
+
+    fn collect_sessions(&mut self) {
+        // Openings are taken before endings are looked for: whoever took the place of a session that
+        // ended must reach the engine after that ending.
+        let openings: Vec<Opening> = std::iter::from_fn(|| self.shell.openings.try_recv().ok()).collect();
+        let events = &mut self.events;
+        self.clients.retain(|&session, client| {
+            let open = !client.frames.is_closed();
+            if !open {
+                events.push(Event::SessionClosed { session });
+            }
+            open
+        });
+        for Opening { session, mailbox, frames } in openings {
+            self.events.push(Event::SessionOpened { session });
+            self.clients.insert(session, Client { mailbox, frames, camera: None });
+        }
+        for (&session, client) in &mut self.clients {
+            let Wishes { camera, lights } = std::mem::take(&mut *client.mailbox.lock());
+            if let Some(lights) = lights {
+                self.events.push(Event::Lights { session, lights });
+            }
+            if let Some((sequence, camera)) = camera {
+                self.events.push(Event::Camera { session, camera });
+                client.camera = Some(Answered { sequence, position: camera.position });
+            }
+        }
+    }
+
+    fn collect_tiles(&mut self) {
+        for chunk in self.turned_away.drain(..) {
+            let cause = "the loader's queue is full".to_owned();
+            self.events.push(Event::TileFailed { chunk, cause });
+        }
+        // The queue's length bounds the work: what arrives meanwhile waits for the next tick.
+        self.events.extend(self.shell.tiles.try_iter().take(TILES_PER_TICK_MAX));
+    }
+
+    fn hand_out(&mut self) {
+        for command in self.commands.drain(..) {
+            match command {
+                Command::LoadTile { chunk } => {
+                    if !self.shell.requests.request(chunk) {
+                        self.turned_away.push(chunk);
+                    }
+                }
+                Command::CancelTile { chunk } => {
+                    self.turned_away.retain(|&waiting| waiting != chunk);
+                    self.shell.requests.cancel(chunk);
+                }
+                Command::PublishFrame { frame } => {
+                    if let Some(client) = self.clients.get(&frame.session)
+                        && let Some(camera) = client.camera
+                    {
+                        client.frames.send_replace(Some(Published { frame, camera }));
+                    }
+                }
+            }
+        }
+        // A camera that changed no light has its answer too: the frame before.
+        for client in self.clients.values() {
+            let Some(newest) = client.camera else { continue };
+            client.frames.send_if_modified(|slot| {
+                let Some(published) = slot.as_mut().filter(|published| published.camera != newest) else {
+                    return false;
+                };
+                published.camera = newest;
+                true
+            });
+        }
+    }
+}
+
+/// Tiles taken in one tick; more wait in their queue.
+const TILES_PER_TICK_MAX: usize = 64;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use earthshine_world::Vec3;
+
+    #[test]
+    fn in_a_mailbox_the_newest_wins() {
+        let mailbox = Mailbox::default();
+        let camera = |x| Camera { position: Vec3::splat(x), forward: Vec3::NEG_Z, velocity: Vec3::ZERO };
+        assert!(!mailbox.put_camera(1, camera(1.0)));
+        assert!(mailbox.put_camera(2, camera(2.0)));
+        let wishes = std::mem::take(&mut *mailbox.lock());
+        assert_eq!(wishes.camera, Some((2, camera(2.0))));
+        assert!(mailbox.lock().camera.is_none());
+    }
+
+    #[test]
+    fn a_panic_is_quoted() {
+        let panic = catch_unwind(|| panic!("slot {} is taken", 3)).unwrap_err();
+        assert_eq!(said(panic.as_ref()), "slot 3 is taken");
+    }
+}

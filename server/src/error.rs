@@ -1,0 +1,87 @@
+//! What can stop the service, and the exit code that says so to scripts and supervisors.
+//!
+//! | code | meaning | worth a restart |
+//! |---|---|---|
+//! | 2 | configuration or arguments | no, mend them |
+//! | 3 | the world is missing or damaged | no, bake or fetch it |
+//! | 4 | an address cannot be bound | after the other process ends |
+//! | 5 | the engine or the system failed | yes |
+//! | 6 | the drain took longer than `drain_timeout_s` | not needed: it was asked to stop |
+//!
+//! What goes wrong in one session ends that session only and is no [`ServerError`].
+
+use crate::config::ConfigError;
+use earthshine_tiles::TileError;
+use std::net::SocketAddr;
+use std::time::Duration;
+
+/// What can stop the service.
+#[derive(Debug, thiserror::Error)]
+pub enum ServerError {
+    /// A setting is wrong.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The world cannot be opened; the cause names the file.
+    #[error("cannot open the world: {0}")]
+    World(#[source] TileError),
+    /// The world's index contradicts itself.
+    #[error("cannot serve the world: {0}")]
+    Index(#[source] earthshine_engine::EngineError),
+    /// Somebody else listens there.
+    #[error("{address} is in use: stop the other process, or set `{key}` to another port (0 takes a free one)")]
+    AddressInUse {
+        /// Which key of the configuration.
+        key: &'static str,
+        /// What it says.
+        address: SocketAddr,
+    },
+    /// The address cannot be bound for another reason.
+    #[error("cannot listen on {address} (`{key}`): {source}")]
+    Bind {
+        /// Which key of the configuration.
+        key: &'static str,
+        /// What it says.
+        address: SocketAddr,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A thread or a signal handler was refused by the system.
+    #[error("the system refused {what}: {source}")]
+    System {
+        /// What was asked for.
+        what: &'static str,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The engine's thread ended by itself: a broken invariant, or a backend that failed.
+    #[error("the engine stopped: {cause}. Restart the service; report this if it comes again")]
+    Engine {
+        /// What the thread said last.
+        cause: String,
+    },
+    /// The transport failed as a whole.
+    #[error("the gRPC transport failed: {0}")]
+    Transport(#[from] tonic::transport::Error),
+    /// The service was asked to stop and did not within its time.
+    #[error("{stage} did not end within {limit:?}; raise `drain_timeout_s` if that was needed")]
+    DrainTimeout {
+        /// What was still running.
+        stage: &'static str,
+        /// `drain_timeout_s`.
+        limit: Duration,
+    },
+}
+
+impl ServerError {
+    /// The process's exit code; see the table at the top of this module.
+    #[must_use]
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Config(_) => 2,
+            Self::World(_) | Self::Index(_) => 3,
+            Self::AddressInUse { .. } | Self::Bind { .. } => 4,
+            Self::System { .. } | Self::Engine { .. } | Self::Transport(_) => 5,
+            Self::DrainTimeout { .. } => 6,
+        }
+    }
+}

@@ -1,0 +1,207 @@
+//! Counters and gauges in the OpenMetrics text format.
+//!
+//! Two kinds: what the shell counts itself, and the engine's [`EngineStats`], read from its last snapshot
+//! at every scrape. Names end in a unit; `_total` marks counters. Start at [`Metrics::encode`].
+
+use crate::engine_thread::{EngineReport, SharedReport};
+use prometheus_client::collector::Collector;
+use prometheus_client::encoding::{DescriptorEncoder, EncodeMetric as _, text};
+use prometheus_client::metrics::counter::{ConstCounter, Counter};
+use prometheus_client::metrics::gauge::{ConstGauge, Gauge};
+use prometheus_client::metrics::histogram::{Histogram, exponential_buckets};
+use prometheus_client::metrics::MetricType;
+use prometheus_client::registry::Registry;
+
+/// Everything that is counted. Cheap to touch from any thread.
+#[derive(Debug)]
+pub(crate) struct Metrics {
+    registry: Registry,
+    /// TCP connections now.
+    pub(crate) connections: Gauge,
+    /// Connections that were cut because they never said anything sensible.
+    pub(crate) connections_silent: Counter,
+    /// Bytes from clients, transport included.
+    pub(crate) received_bytes: Counter,
+    /// Bytes to clients, transport included.
+    pub(crate) sent_bytes: Counter,
+    /// Sessions now.
+    pub(crate) sessions: Gauge,
+    /// Sessions that were welcomed.
+    pub(crate) sessions_opened: Counter,
+    /// Sessions that were refused or cut with an error.
+    pub(crate) sessions_failed: Counter,
+    /// Messages of clients that were ignored or refused.
+    pub(crate) messages_ignored: Counter,
+    /// Cameras that a newer one overtook before the engine saw them.
+    pub(crate) cameras_superseded: Counter,
+    /// Deltas sent.
+    pub(crate) deltas: Counter,
+    /// Voxels in them.
+    pub(crate) delta_voxels: Counter,
+    /// Frames that clients were too slow for.
+    pub(crate) frames_skipped: Counter,
+    /// Tiles handed to the engine.
+    pub(crate) tiles_loaded: Counter,
+    /// Tiles that could not be had.
+    pub(crate) tiles_failed: Counter,
+    /// Tiles read in vain.
+    pub(crate) tiles_cancelled: Counter,
+    /// Time to read, verify and decode a tile.
+    pub(crate) tile_seconds: Histogram,
+    /// Time of a tick.
+    pub(crate) tick_seconds: Histogram,
+    /// Ticks that began late by a whole period or more.
+    pub(crate) ticks_late: Counter,
+}
+
+impl Metrics {
+    /// All zero.
+    pub(crate) fn new() -> Self {
+        let mut metrics = Self {
+            registry: Registry::with_prefix("earthshine"),
+            connections: Gauge::default(),
+            connections_silent: Counter::default(),
+            received_bytes: Counter::default(),
+            sent_bytes: Counter::default(),
+            sessions: Gauge::default(),
+            sessions_opened: Counter::default(),
+            sessions_failed: Counter::default(),
+            messages_ignored: Counter::default(),
+            cameras_superseded: Counter::default(),
+            deltas: Counter::default(),
+            delta_voxels: Counter::default(),
+            frames_skipped: Counter::default(),
+            tiles_loaded: Counter::default(),
+            tiles_failed: Counter::default(),
+            tiles_cancelled: Counter::default(),
+            // 0.1 ms to 3.3 s.
+            tile_seconds: Histogram::new(exponential_buckets(1e-4, 2.0, 16)),
+            tick_seconds: Histogram::new(exponential_buckets(1e-4, 2.0, 16)),
+            ticks_late: Counter::default(),
+        };
+        metrics.register();
+        metrics
+    }
+
+    fn register(&mut self) {
+        let counters = [
+            ("connections_silent", "Connections cut before they said anything sensible", &self.connections_silent),
+            ("received_bytes", "Bytes from clients", &self.received_bytes),
+            ("sent_bytes", "Bytes to clients", &self.sent_bytes),
+            ("sessions_opened", "Sessions welcomed", &self.sessions_opened),
+            ("sessions_failed", "Sessions refused or cut with an error", &self.sessions_failed),
+            ("messages_ignored", "Client messages ignored or refused", &self.messages_ignored),
+            ("cameras_superseded", "Cameras overtaken before the engine saw them", &self.cameras_superseded),
+            ("deltas", "Deltas sent", &self.deltas),
+            ("delta_voxels", "Voxels in the deltas sent", &self.delta_voxels),
+            ("frames_skipped", "Frames that clients were too slow for", &self.frames_skipped),
+            ("tiles_loaded", "Tiles handed to the engine", &self.tiles_loaded),
+            ("tiles_failed", "Tiles that could not be had", &self.tiles_failed),
+            ("tiles_cancelled", "Tiles read in vain", &self.tiles_cancelled),
+            ("ticks_late", "Ticks that began late by a period or more", &self.ticks_late),
+        ];
+        for (name, help, counter) in counters {
+            self.registry.register(name, help, counter.clone());
+        }
+        self.registry.register("connections", "TCP connections now", self.connections.clone());
+        self.registry.register("sessions", "Sessions now", self.sessions.clone());
+        self.registry.register("tile_seconds", "Time to read and decode a tile", self.tile_seconds.clone());
+        self.registry.register("tick_seconds", "Time of a tick", self.tick_seconds.clone());
+    }
+
+    /// Everything as OpenMetrics text, the engine's last report included.
+    ///
+    /// # Errors
+    /// None that a `String` can have; the encoder's signature asks for it.
+    pub(crate) fn encode(&self, report: &SharedReport) -> Result<String, std::fmt::Error> {
+        let mut engine = Registry::with_prefix("earthshine_engine");
+        engine.register_collector(Box::new(EngineCollector(report.read())));
+        let mut body = String::new();
+        text::encode_registry(&mut body, &self.registry)?;
+        text::encode_registry(&mut body, &engine)?;
+        text::encode_eof(&mut body)?;
+        Ok(body)
+    }
+}
+
+#[derive(Debug)]
+struct EngineCollector(EngineReport);
+
+impl Collector for EngineCollector {
+    fn encode(&self, mut encoder: DescriptorEncoder<'_>) -> Result<(), std::fmt::Error> {
+        let stats = &self.0.stats;
+        let counted = &stats.counters;
+        let counters = [
+            ("ticks", "Ticks", counted.ticks),
+            ("events_ignored", "Events that made no difference because they could not be", counted.ignored.total()),
+            ("tiles_requested", "Tiles asked for", counted.tiles_requested),
+            ("tiles_cancelled", "Requests taken back", counted.tiles_cancelled),
+            ("tiles_decoded", "Tiles taken", counted.tiles_decoded),
+            ("tile_failures", "Tiles that could not be had", counted.tile_failures),
+            ("chunks_given_up", "Chunks quarantined since the start", counted.quarantined),
+            ("decoded_bytes", "Memory of all tiles taken", counted.bytes_decoded),
+            ("patches_added", "Patches that entered a local matrix", counted.adds),
+            ("patches_removed", "Patches that left one", counted.removes),
+            ("weak_pivots", "Patches refused for a weak pivot", counted.weak_pivots),
+            ("refused_adds", "Patches refused for another reason", counted.refused_adds),
+            ("backend_failures", "Backends that failed", counted.backend_failures),
+            ("slots_lit", "Slots whose direct light was computed", counted.slots_lit),
+            ("shadow_rays", "Most shadow rays that may have been traced", counted.rays),
+            ("limited_sources", "Sources limited to what f32 light can carry", counted.limited_sources),
+            ("drift_probes", "Measurements of drift", counted.drift_probes),
+            ("resolves", "Fresh solves because of drift", counted.resolves),
+            ("frames", "Frames published", counted.frames),
+        ];
+        for (name, help, value) in counters {
+            let metric = encoder.encode_descriptor(name, help, None, MetricType::Counter)?;
+            ConstCounter::new(value).encode(metric)?;
+        }
+        let sum = |of: fn(&earthshine_engine::SessionStats) -> u32| {
+            stats.sessions.iter().map(|session| f64::from(of(session))).sum::<f64>()
+        };
+        let gauges = [
+            ("chunks_requested", "Chunks asked for", f64::from(stats.chunks.requested)),
+            ("chunks_decoded", "Chunks in memory without slots", f64::from(stats.chunks.decoded)),
+            ("chunks_resident", "Chunks with slots", f64::from(stats.chunks.resident)),
+            ("chunks_leaving", "Chunks on their way out", f64::from(stats.chunks.leaving)),
+            ("chunks_quarantined", "Chunks given up", f64::from(stats.chunks.quarantined)),
+            ("held_bytes", "Memory of the tiles held", stats.decoded_bytes as f64),
+            ("resident_patches", "Patches that hold slots, all sessions", sum(|session| session.resident_patches)),
+            ("wanted_patches", "Patches that cameras want, all sessions", sum(|session| session.wanted_patches)),
+            ("stale_patches", "Patches with old direct light, all sessions", sum(|session| session.stale_direct)),
+            ("matrix_drift_ratio", "Worst rounding of any local matrix", f64::from(stats.drift())),
+            ("tile_requests", "Tiles asked for and not answered", self.0.tiles_pending as f64),
+        ];
+        for (name, help, value) in gauges {
+            let metric = encoder.encode_descriptor(name, help, None, MetricType::Gauge)?;
+            ConstGauge::new(value).encode(metric)?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_text_holds_both_kinds() {
+        let metrics = Metrics::new();
+        metrics.deltas.inc_by(3);
+        metrics.tick_seconds.observe(0.002);
+        let report = SharedReport::default();
+        let mut stats = EngineReport::default();
+        stats.stats.counters.adds = 17;
+        report.write(stats);
+        let text = metrics.encode(&report).unwrap();
+        for line in [
+            "earthshine_deltas_total 3",
+            "earthshine_engine_patches_added_total 17",
+            "earthshine_engine_matrix_drift_ratio 0.0",
+            "earthshine_tick_seconds_count 1",
+            "# EOF",
+        ] {
+            assert!(text.lines().any(|found| found == line), "{line} is not in\n{text}");
+        }
+    }
+}

@@ -1,0 +1,256 @@
+//! What a session's client holds, and the delta from there to now: a slow client costs one dirty set, never a queue.
+//!
+//! A [`DeltaStore`] keeps the newest light of one volume as the wire's codes, each voxel with the generation
+//! that last changed it. A frame is absorbed whole, at the moment when there is room to send; frames in
+//! between are skipped. It knows neither messages nor sockets. Start at [`DeltaStore::absorb`], then
+//! [`DeltaStore::delta_since`]. How many deltas may be on their way is [`Flow`](crate::flow::Flow)'s business.
+
+use earthshine_engine::{EngineConfig, Frame, FrameQuality, PatchLight};
+use earthshine_protocol::DELTA_VOXELS_MAX;
+use earthshine_volume::{Layout, rgb9e5};
+use glam::{IVec3, UVec3, Vec3};
+
+/// Emptied voxels that are remembered. Beyond it they are forgotten, and a client from before starts over.
+const EMPTIED_MAX: usize = 32_768;
+
+/// A delta is one message: all lit voxels and all emptied ones fit.
+const _: () = assert!(EngineConfig::RESIDENT_PATCHES_LIMIT as usize + EMPTIED_MAX <= DELTA_VOXELS_MAX);
+
+/// Light of one voxel as it travels; equal codes need no sending.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct VoxelCodes {
+    /// Bit `a` says that direction `a` has a patch.
+    pub(crate) present: u8,
+    /// RGB9E5, lx; zero where there is no patch.
+    pub(crate) irradiance: [u32; 6],
+    /// RGB9E5, lx; zero where there is no patch.
+    pub(crate) sky_irradiance: [u32; 6],
+    /// 0..=255 for 0..=1.
+    pub(crate) quality: [u8; 6],
+}
+
+impl VoxelCodes {
+    const EMPTY: Self = Self { present: 0, irradiance: [0; 6], sky_irradiance: [0; 6], quality: [0; 6] };
+
+    fn add(&mut self, patch: &PatchLight) {
+        let direction = patch.direction.index();
+        self.present |= 1 << direction;
+        self.irradiance[direction] = rgb9e5::encode(patch.irradiance);
+        self.sky_irradiance[direction] = rgb9e5::encode(patch.sky_irradiance);
+        self.quality[direction] = (patch.known_share.clamp(0.0, 1.0) * 255.0).round() as u8;
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Entry {
+    voxel: IVec3,
+    codes: VoxelCodes,
+    /// Generation that last changed it; an entry without patches was emptied then.
+    changed: u64,
+}
+
+/// Order of linear indices: z is the slowest.
+fn index_order(voxel: IVec3) -> [i32; 3] {
+    [voxel.z, voxel.y, voxel.x]
+}
+
+/// The camera that a frame answers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Answered {
+    /// The client's number of it.
+    pub(crate) sequence: u64,
+    /// m; volumes follow it.
+    pub(crate) position: Vec3,
+}
+
+/// What is said of a generation as a whole.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Caption {
+    /// Newest camera that the light answers.
+    pub(crate) camera_sequence: u64,
+    /// How complete the light is.
+    pub(crate) quality: FrameQuality,
+    /// The tick's time, s.
+    pub(crate) time_s: f64,
+}
+
+/// Voxels that changed, ready for the wire.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Changes {
+    /// The generation that the client must hold; 0 for none.
+    pub(crate) from: u64,
+    /// The generation that it holds afterwards.
+    pub(crate) to: u64,
+    /// Linear index and light, ascending.
+    pub(crate) voxels: Vec<(u32, VoxelCodes)>,
+    /// Of the whole.
+    pub(crate) caption: Caption,
+}
+
+/// The newest light of one volume of one session.
+#[derive(Debug)]
+pub(crate) struct DeltaStore {
+    layout: Layout,
+    /// Voxels a step of the volume.
+    snap: i32,
+    placed: bool,
+    /// Ascending by [`index_order`], all inside of the layout.
+    entries: Vec<Entry>,
+    generation: u64,
+    /// Generation of the last move.
+    layout_generation: u64,
+    /// Clients that hold less than this cannot be told what was emptied.
+    answerable_from: u64,
+    caption: Caption,
+}
+
+impl DeltaStore {
+    /// An empty volume of `dims` voxels that moves in steps of `snap_voxels`.
+    pub(crate) fn new(dims: UVec3, voxel_edge_m: f32, snap_voxels: u32) -> Self {
+        // A volume smaller than two steps would lose its camera between them.
+        let snap = snap_voxels.min(dims.min_element() / 2).max(1).cast_signed();
+        Self {
+            layout: Layout { level: 0, origin: IVec3::ZERO, dims, voxel_edge_m },
+            snap,
+            placed: false,
+            entries: Vec::new(),
+            generation: 0,
+            layout_generation: 0,
+            answerable_from: 0,
+            caption: Caption::default(),
+        }
+    }
+
+    /// Where the volume is.
+    pub(crate) fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// Generation from which on deltas index the present layout.
+    pub(crate) fn layout_generation(&self) -> u64 {
+        self.layout_generation
+    }
+
+    /// The newest generation; 0 before the first frame.
+    pub(crate) fn generation(&self) -> u64 {
+        self.generation
+    }
+
+    /// Takes in a whole frame; whether the volume moved with it. Every move has to be announced before the next
+    /// delta: what a move leaves outside is not emptied by deltas.
+    pub(crate) fn absorb(&mut self, frame: &Frame, camera: Answered) -> bool {
+        let next = self.generation + 1;
+        let moved = self.follow(camera.position);
+        let changed = self.merge(frame, next);
+        let caption =
+            Caption { camera_sequence: camera.sequence, quality: frame.quality, time_s: frame.time_s };
+        // Time alone is no news.
+        let said = Caption { time_s: self.caption.time_s, ..caption } != self.caption;
+        self.caption = caption;
+        if moved || changed || said {
+            self.generation = next;
+        }
+        if moved {
+            self.layout_generation = next;
+        }
+        moved
+    }
+
+    /// Moves the volume if the camera has left the middle by more than a step.
+    fn follow(&mut self, camera: Vec3) -> bool {
+        let half = (self.layout.dims / 2).as_ivec3();
+        let wanted = (camera / self.layout.voxel_edge_m).floor().as_ivec3();
+        let mut origin = self.layout.origin;
+        for axis in 0..3 {
+            let off_centre = i64::from(wanted[axis]) - i64::from(origin[axis]) - i64::from(half[axis]);
+            if !self.placed || off_centre.abs() > i64::from(self.snap) {
+                let corner = wanted[axis].saturating_sub(half[axis]).clamp(-Layout::ORIGIN_MAX, Layout::ORIGIN_MAX);
+                // Towards zero at the far ends, where rounding down would leave the range.
+                origin[axis] = (corner.div_euclid(self.snap) * self.snap).max(-Layout::ORIGIN_MAX);
+            }
+        }
+        let moved = !self.placed || origin != self.layout.origin;
+        self.placed = true;
+        self.layout.origin = origin;
+        moved
+    }
+
+    /// Merges the frame's voxels with what is held; whether any code changed.
+    fn merge(&mut self, frame: &Frame, next: u64) -> bool {
+        let fresh = self.codes_of(frame);
+        let layout = self.layout;
+        // What a move left outside is gone without a word: the client drops it by itself.
+        let mut held = std::mem::take(&mut self.entries)
+            .into_iter()
+            .filter(|entry| layout.index_of(entry.voxel).is_some())
+            .peekable();
+        let mut changed = false;
+        let mut emptied = 0;
+        let mut merged = Vec::with_capacity(fresh.len());
+        let mut keep_without_patches = |mut entry: Entry, merged: &mut Vec<Entry>| {
+            let news = entry.codes.present != 0;
+            if news {
+                entry = Entry { codes: VoxelCodes::EMPTY, changed: next, ..entry };
+            }
+            emptied += 1;
+            merged.push(entry);
+            news
+        };
+        for (voxel, codes) in fresh {
+            while let Some(gone) = held.next_if(|entry| index_order(entry.voxel) < index_order(voxel)) {
+                changed |= keep_without_patches(gone, &mut merged);
+            }
+            let before = held.next_if(|entry| entry.voxel == voxel);
+            let entry = before.filter(|entry| entry.codes == codes).unwrap_or(Entry { voxel, codes, changed: next });
+            changed |= entry.changed == next;
+            merged.push(entry);
+        }
+        for gone in held {
+            changed |= keep_without_patches(gone, &mut merged);
+        }
+        self.entries = merged;
+        if emptied > EMPTIED_MAX {
+            self.forget_emptied(next);
+        }
+        changed
+    }
+
+    /// The frame's light inside the volume, voxel by voxel, ascending by index.
+    fn codes_of(&self, frame: &Frame) -> Vec<(IVec3, VoxelCodes)> {
+        let mut voxels: Vec<(IVec3, VoxelCodes)> = Vec::with_capacity(frame.patches.len());
+        for group in frame.patches.chunk_by(|a, b| a.voxel == b.voxel) {
+            if self.layout.index_of(group[0].voxel).is_some() {
+                let mut codes = VoxelCodes::EMPTY;
+                group.iter().for_each(|patch| codes.add(patch));
+                voxels.push((group[0].voxel, codes));
+            }
+        }
+        voxels.sort_unstable_by_key(|&(voxel, _)| index_order(voxel));
+        voxels
+    }
+
+    /// Drops what was emptied up to `generation`: no client needs to hear of it again.
+    pub(crate) fn forget_emptied(&mut self, generation: u64) {
+        self.answerable_from = self.answerable_from.max(generation);
+        self.entries.retain(|entry| entry.codes.present != 0 || entry.changed > generation);
+    }
+
+    /// What a client that holds `held` lacks; `None` if nothing. A client from too long ago gets everything, from 0.
+    pub(crate) fn delta_since(&self, held: u64) -> Option<Changes> {
+        if held >= self.generation {
+            return None;
+        }
+        let from = if held < self.answerable_from { 0 } else { held };
+        let voxels = self
+            .entries
+            .iter()
+            .filter(|entry| entry.changed > from && (from > 0 || entry.codes.present != 0))
+            .filter_map(|entry| Some((self.layout.index_of(entry.voxel)?, entry.codes)))
+            .collect();
+        Some(Changes { from, to: self.generation, voxels, caption: self.caption })
+    }
+}
+
+#[cfg(test)]
+#[path = "publish/tests.rs"]
+mod tests;

@@ -1,0 +1,265 @@
+//! The service as a whole: opened and bound first, then run until it is told to stop.
+//!
+//! Start at [`Server::bind`]; [`run`] does both for those who need no addresses.
+
+use crate::admin::{self, Admin};
+use crate::config::load::seconds;
+use crate::config::{BackendKind, Config};
+use crate::engine_thread::{EngineHandle, EngineThread, SharedReport};
+use crate::listener::Listener;
+use crate::metrics::Metrics;
+use crate::session::Shared;
+use crate::shutdown::Deadline;
+use crate::tile_loader::TileLoader;
+use crate::ServerError;
+use earthshine_engine::{BackendFactory, Engine};
+use earthshine_radiosity::{Backend, CpuBackend};
+use earthshine_tiles::{DirStore, TileStore};
+use earthshine_world::WorldIndex;
+use std::io::ErrorKind;
+use std::net::SocketAddr;
+use std::path::Path;
+use std::pin::pin;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+use tokio::net::TcpListener;
+use tokio::sync::mpsc;
+use tokio::task::JoinHandle;
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+use tonic_health::ServingStatus;
+use tonic_health::server::HealthReporter;
+
+/// Connections that stay open after their sessions ended get this long to close by themselves.
+const TRANSPORT_GRACE: Duration = Duration::from_millis(500);
+
+/// A world that is open and two addresses that are bound; nothing runs yet.
+pub struct Server {
+    config: Config,
+    world: String,
+    index: WorldIndex,
+    store: Arc<dyn TileStore>,
+    engine: Engine,
+    listener: TcpListener,
+    admin: TcpListener,
+    local_addr: SocketAddr,
+    admin_addr: SocketAddr,
+}
+
+impl std::fmt::Debug for Server {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Server")
+            .field("world", &self.world)
+            .field("local_addr", &self.local_addr)
+            .field("admin_addr", &self.admin_addr)
+            .finish_non_exhaustive()
+    }
+}
+
+/// Binds and serves until `shutdown` resolves, then drains.
+///
+/// # Errors
+/// [`ServerError`]; its [`exit_code`](ServerError::exit_code) is for the process.
+pub async fn run(config: Config, shutdown: impl Future<Output = ()>) -> Result<(), ServerError> {
+    Server::bind(config).await?.run(shutdown).await
+}
+
+impl Server {
+    /// Checks the configuration, opens the world and binds both addresses.
+    ///
+    /// # Errors
+    /// [`ServerError::Config`], [`ServerError::World`], [`ServerError::Index`], [`ServerError::AddressInUse`],
+    /// [`ServerError::Bind`].
+    pub async fn bind(config: Config) -> Result<Self, ServerError> {
+        config.validate()?;
+        let store = DirStore::open(&config.world).map_err(ServerError::World)?;
+        let index = store.manifest().index();
+        let engine = Engine::new(index.clone(), config.engine.clone(), backends(config.backend))
+            .map_err(ServerError::Index)?;
+        let (listener, local_addr) = bind("listen", config.listen).await?;
+        let (admin, admin_addr) = bind("admin_listen", config.admin_listen).await?;
+        let world = world_name(&config.world);
+        Ok(Self { config, world, index, store: Arc::new(store), engine, listener, admin, local_addr, admin_addr })
+    }
+
+    /// Where clients connect.
+    #[must_use]
+    pub fn local_addr(&self) -> SocketAddr {
+        self.local_addr
+    }
+
+    /// Where `/metrics`, `/health` and `/ready` answer.
+    #[must_use]
+    pub fn admin_addr(&self) -> SocketAddr {
+        self.admin_addr
+    }
+
+    /// Name of the world, as clients see it: the name of its folder.
+    #[must_use]
+    pub fn world_name(&self) -> &str {
+        &self.world
+    }
+
+    /// What is in the world.
+    #[must_use]
+    pub fn world_index(&self) -> &WorldIndex {
+        &self.index
+    }
+
+    /// Serves until `shutdown` resolves, then drains: sessions, loader, engine.
+    ///
+    /// # Errors
+    /// [`ServerError::System`], [`ServerError::Engine`], [`ServerError::Transport`], [`ServerError::DrainTimeout`].
+    pub async fn run(self, shutdown: impl Future<Output = ()>) -> Result<(), ServerError> {
+        tracing::info!(
+            world = self.world,
+            address = %self.local_addr,
+            admin = %self.admin_addr,
+            chunks = self.index.chunks.len(),
+            "serving"
+        );
+        let mut running = self.start()?;
+        let mut shutdown = pin!(shutdown);
+        let outcome = tokio::select! {
+            () = &mut shutdown => Ok(()),
+            ended = &mut running.engine.ended => Err(engine_failure(ended.ok().flatten())),
+            ended = &mut running.transport => match ended {
+                Ok(Err(error)) => Err(error.into()),
+                _ => Err(ServerError::Engine { cause: "the listener ended".to_owned() }),
+            },
+        };
+        let drained = running.drain().await;
+        // The first cause is the one to report.
+        outcome.and(drained)
+    }
+
+    fn start(self) -> Result<Running, ServerError> {
+        let config = self.config;
+        let metrics = Arc::new(Metrics::new());
+        let report = Arc::new(SharedReport::default());
+        let sessions_max = config.engine.sessions_max;
+        let (openings, opened) = mpsc::channel(sessions_max as usize);
+        let (answers, tiles) = std::sync::mpsc::sync_channel(config.tile_queue as usize);
+        // The engine never has more requests open than it is configured for.
+        let requests_max = config.engine.tiles_in_flight_max;
+        let loader = TileLoader::start(&self.store, config.loader_threads, requests_max, &answers, &metrics)
+            .map_err(|source| ServerError::System { what: "a loader thread", source })?;
+        let thread = EngineThread {
+            engine: self.engine,
+            period: seconds(1.0 / config.tick_rate_hz),
+            openings: opened,
+            tiles,
+            requests: Arc::clone(&loader.requests),
+            report: Arc::clone(&report),
+            metrics: Arc::clone(&metrics),
+        };
+        let engine = thread.start().map_err(|source| {
+            loader.requests.stop();
+            ServerError::System { what: "the engine's thread", source }
+        })?;
+
+        let draining = Arc::new(AtomicBool::new(false));
+        let [sessions_stop, transport_stop, admin_stop] = std::array::from_fn(|_| CancellationToken::new());
+        let admin = Admin { metrics: Arc::clone(&metrics), report: Arc::clone(&report), draining: Arc::clone(&draining) };
+        let admin = tokio::spawn(admin::serve(self.admin, admin, admin_stop.clone()));
+        let limit = seconds(config.drain_timeout_s);
+        let shared = Shared {
+            config,
+            world: self.world,
+            index: self.index,
+            openings,
+            report,
+            metrics,
+            stop: sessions_stop.clone(),
+        };
+        let sessions = TaskTracker::new();
+        let health = HealthReporter::new();
+        let listener = Listener::new(Arc::new(shared), sessions.clone());
+        let transport = tokio::spawn(listener.serve(self.listener, health.clone(), transport_stop.clone()));
+        Ok(Running {
+            engine,
+            loader,
+            sessions,
+            transport,
+            admin,
+            health,
+            draining,
+            sessions_stop,
+            transport_stop,
+            admin_stop,
+            limit,
+        })
+    }
+}
+
+/// Everything that has to end.
+struct Running {
+    engine: EngineHandle,
+    loader: TileLoader,
+    sessions: TaskTracker,
+    transport: JoinHandle<Result<(), tonic::transport::Error>>,
+    admin: JoinHandle<std::io::Result<()>>,
+    health: HealthReporter,
+    draining: Arc<AtomicBool>,
+    sessions_stop: CancellationToken,
+    transport_stop: CancellationToken,
+    admin_stop: CancellationToken,
+    limit: Duration,
+}
+
+impl Running {
+    async fn drain(self) -> Result<(), ServerError> {
+        let deadline = Deadline::after(self.limit);
+        self.draining.store(true, Ordering::Release);
+        self.health.set_service_status("", ServingStatus::NotServing).await;
+        self.transport_stop.cancel();
+        self.sessions_stop.cancel();
+        self.sessions.close();
+        let sessions = deadline.wait("a session", self.sessions.wait()).await;
+        // Goodbyes are on their way; whoever does not hang up is hung up on when the process ends.
+        if !self.transport.is_finished() {
+            drop(tokio::time::timeout(TRANSPORT_GRACE, self.transport).await);
+        }
+
+        self.loader.requests.stop();
+        let mut loader = Ok(());
+        for thread in self.loader.threads {
+            // A thread may wait for room in the engine's queue: the engine runs until all have ended.
+            loader = loader.and(deadline.join("a loader thread", thread).await.map(|_ended| ()));
+        }
+        self.engine.stop();
+        let engine = deadline.join("the engine", self.engine.thread).await.map(|_ended| ());
+        self.admin_stop.cancel();
+        drop(tokio::time::timeout(TRANSPORT_GRACE, self.admin).await);
+        let outcome = sessions.and(loader).and(engine);
+        tracing::info!(in_time = outcome.is_ok(), "drained");
+        outcome
+    }
+}
+
+fn engine_failure(cause: Option<String>) -> ServerError {
+    ServerError::Engine { cause: cause.unwrap_or_else(|| "its thread ended without a word".to_owned()) }
+}
+
+fn backends(kind: BackendKind) -> BackendFactory {
+    // `Config::validate` has refused what this build does not have.
+    let BackendKind::Cpu | BackendKind::Gpu = kind;
+    Box::new(|capacity| Ok(Box::new(CpuBackend::new(capacity)?) as Box<dyn Backend>))
+}
+
+async fn bind(key: &'static str, address: SocketAddr) -> Result<(TcpListener, SocketAddr), ServerError> {
+    let failed = |source: std::io::Error| match source.kind() {
+        ErrorKind::AddrInUse => ServerError::AddressInUse { key, address },
+        _ => ServerError::Bind { key, address, source },
+    };
+    let listener = TcpListener::bind(address).await.map_err(failed)?;
+    let bound = listener.local_addr().map_err(failed)?;
+    Ok((listener, bound))
+}
+
+/// The folder's own name, whatever way it was given.
+fn world_name(folder: &Path) -> String {
+    let whole = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
+    whole.file_name().map_or_else(|| "world".to_owned(), |name| name.to_string_lossy().into_owned())
+}

@@ -1,0 +1,9 @@
+//! The service over loopback: a small world, real sockets, port 0.
+//!
+//! `light` follows the main path with the client library; `faults` speaks raw gRPC and raw TCP, and does
+//! what no client should; `ends` is about how the service starts, refuses to start and stops.
+
+mod ends;
+mod faults;
+mod light;
+mod world;

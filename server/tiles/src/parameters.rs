@@ -1,0 +1,117 @@
+//! What a bake was asked for: written into the manifest, part of every hash.
+
+use crate::checksum;
+use earthshine_world::{AxisWeights, Grid};
+use serde::{Deserialize, Serialize};
+
+/// The knobs of a bake that change its result. Thread counts and the like are not here.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BakeParameters {
+    /// Of every random number. The same seed gives the same bytes.
+    pub seed: u64,
+    /// Rays of a patch's row. Noise falls with its root; time grows with it.
+    pub rays_per_patch: u32,
+    /// Sample points that a patch keeps for direct light.
+    pub points_per_patch: u32,
+    /// Sample points a voxel face's area of surface, from which patches are made.
+    pub samples_per_voxel_face: u32,
+    /// Rays by which a side is found to be inside of something.
+    pub buried_rays: u32,
+    /// How points spread over directions.
+    pub weights: AxisWeights,
+    /// Whether the backs of single-sided materials reflect too.
+    pub two_sided: bool,
+    /// Whether metals are black instead of diffuse.
+    pub metals_black: bool,
+    /// Voxels and chunks of level 0.
+    pub grid: Grid,
+}
+
+impl Default for BakeParameters {
+    fn default() -> Self {
+        Self {
+            seed: 1,
+            rays_per_patch: 1024,
+            points_per_patch: 16,
+            samples_per_voxel_face: 16,
+            buried_rays: 32,
+            weights: AxisWeights::Squared,
+            two_sided: true,
+            metals_black: false,
+            grid: Grid { voxel_edge_m: 1.0, chunk_edge_voxels: 16 },
+        }
+    }
+}
+
+impl BakeParameters {
+    /// A hash of all of them, for a world's hash and the input hashes of chunks.
+    #[must_use]
+    pub fn content_hash(&self) -> u64 {
+        // Taken apart without `..`: a new parameter that is not hashed does not compile.
+        let Self {
+            seed,
+            rays_per_patch,
+            points_per_patch,
+            samples_per_voxel_face,
+            buried_rays,
+            weights,
+            two_sided,
+            metals_black,
+            grid: Grid { voxel_edge_m, chunk_edge_voxels },
+        } = *self;
+        let counts =
+            [rays_per_patch, points_per_patch, samples_per_voxel_face, buried_rays, chunk_edge_voxels];
+        checksum::hash_parts(&[
+            &seed.to_le_bytes(),
+            bytemuck::cast_slice(&counts),
+            &[weights as u8, u8::from(two_sided), u8::from(metals_black)],
+            &voxel_edge_m.to_bits().to_le_bytes(),
+        ])
+    }
+
+    /// What is impossible about them, if anything.
+    pub(crate) fn fault(&self) -> Option<&'static str> {
+        let grid = &self.grid;
+        if !(grid.voxel_edge_m.is_finite() && grid.voxel_edge_m > 0.0) {
+            Some("parameters.grid.voxel_edge_m is not a positive number")
+        } else if !(1..=Grid::CHUNK_EDGE_VOXELS_MAX).contains(&grid.chunk_edge_voxels) {
+            Some("parameters.grid.chunk_edge_voxels is not between 1 and 22")
+        } else if self.seed > i64::MAX as u64 {
+            Some("parameters.seed is above 2^63 - 1, the largest integer in TOML")
+        } else {
+            None
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_parameter_changes_the_hash() {
+        let base = BakeParameters::default();
+        let finer = Grid { voxel_edge_m: 0.5, ..base.grid };
+        let smaller = Grid { chunk_edge_voxels: 8, ..base.grid };
+        let mut hashes: Vec<u64> = [
+            base,
+            BakeParameters { seed: 2, ..base },
+            BakeParameters { rays_per_patch: 2, ..base },
+            BakeParameters { points_per_patch: 2, ..base },
+            BakeParameters { samples_per_voxel_face: 2, ..base },
+            BakeParameters { buried_rays: 2, ..base },
+            BakeParameters { weights: AxisWeights::Absolute, ..base },
+            BakeParameters { two_sided: false, ..base },
+            BakeParameters { metals_black: true, ..base },
+            BakeParameters { grid: finer, ..base },
+            BakeParameters { grid: smaller, ..base },
+        ]
+        .iter()
+        .map(BakeParameters::content_hash)
+        .collect();
+        hashes.sort_unstable();
+        hashes.dedup();
+        assert_eq!(hashes.len(), 11);
+    }
+}

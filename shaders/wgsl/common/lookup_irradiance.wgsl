@@ -1,0 +1,76 @@
+// The lookup rule: what light a point with a normal reads from the voxels around it.
+//
+// Paste into a shader that holds a volume as the client library lays it out (`client-lib/volume`): one place
+// a voxel (0 for dark, else one more than the index of its block), one block a lit voxel. The Rust twin is
+// `earthshine_volume::lookup`.
+
+// How far a point reads in front of its surface, in voxels.
+const NORMAL_OFFSET_VOXELS: f32 = 0.25;
+// Weights below it are nothing.
+const WEIGHT_MIN: f32 = 1e-6;
+
+struct VolumeLayout {
+    origin: vec3<i32>,      //  0  lowest voxel, in voxels
+    voxel_edge_m: f32,      // 12  m
+    dims: vec3<u32>,        // 16  voxels along the axes
+    level: u32,             // 28  0 is the finest
+}                           // 32
+
+struct VoxelBlock {
+    present: u32,                 //  0  bit a: direction a has a patch
+    irradiance: array<u32, 6>,    //  4  RGB9E5, lx, in the order +X -X +Y -Y +Z -Z
+}                                 // 28
+
+@group(0) @binding(0) var<uniform> volume_layout: VolumeLayout;
+@group(0) @binding(1) var<storage, read> volume_places: array<u32>;
+@group(0) @binding(2) var<storage, read> volume_blocks: array<VoxelBlock>;
+
+// Shared-exponent colour, 9 bits a channel and 5 of exponent.
+fn decode_rgb9e5(packed: u32) -> vec3<f32> {
+    let scale = exp2(f32(packed >> 27u) - 24.0);
+    return vec3<f32>(f32(packed & 511u), f32((packed >> 9u) & 511u), f32((packed >> 18u) & 511u)) * scale;
+}
+
+// Place of `voxel`'s block plus one; 0 where it has no light or lies outside.
+fn place_of(voxel: vec3<i32>) -> u32 {
+    let local = voxel - volume_layout.origin;
+    let dims = vec3<i32>(volume_layout.dims);
+    if any(local < vec3<i32>(0)) || any(local >= dims) {
+        return 0u;
+    }
+    return volume_places[u32(local.x + dims.x * (local.y + dims.y * local.z))];
+}
+
+// rgb: irradiance, lx; a: 1 where there is light, else 0.
+fn lookup_irradiance(position: vec3<f32>, normal: vec3<f32>) -> vec4<f32> {
+    let local = position / volume_layout.voxel_edge_m + NORMAL_OFFSET_VOXELS * normal - 0.5;
+    let low = floor(local);
+    let fraction = local - low;
+    var sums = array<vec4<f32>, 3>(vec4<f32>(0.0), vec4<f32>(0.0), vec4<f32>(0.0));
+    for (var corner = 0u; corner < 8u; corner++) {
+        let step = vec3<u32>(corner & 1u, (corner >> 1u) & 1u, corner >> 2u);
+        let place = place_of(vec3<i32>(low) + vec3<i32>(step));
+        if place == 0u {
+            continue;
+        }
+        let along = select(1.0 - fraction, fraction, step == vec3<u32>(1u));
+        let weight = along.x * along.y * along.z;
+        for (var axis = 0u; axis < 3u; axis++) {
+            let direction = axis * 2u + select(0u, 1u, normal[axis] < 0.0);
+            if ((volume_blocks[place - 1u].present >> direction) & 1u) == 1u {
+                let light = decode_rgb9e5(volume_blocks[place - 1u].irradiance[direction]);
+                sums[axis] += vec4<f32>(light, 1.0) * weight;
+            }
+        }
+    }
+    var total = vec4<f32>(0.0);
+    for (var axis = 0u; axis < 3u; axis++) {
+        if sums[axis].w > WEIGHT_MIN {
+            total += vec4<f32>(sums[axis].xyz / sums[axis].w, 1.0) * (normal[axis] * normal[axis]);
+        }
+    }
+    if total.w <= WEIGHT_MIN {
+        return vec4<f32>(0.0);
+    }
+    return vec4<f32>(total.xyz / total.w, 1.0);
+}

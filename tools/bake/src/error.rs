@@ -1,0 +1,64 @@
+//! Why a bake stopped.
+
+use earthshine_tiles::TileError;
+use std::path::PathBuf;
+
+/// Why a bake stopped. What was finished stays on disk; running the same command again goes on from there.
+#[derive(Debug, thiserror::Error)]
+pub enum BakeError {
+    /// A parameter that cannot be.
+    #[error("{name} = {value}: {cause}")]
+    Parameter {
+        /// As in the manifest.
+        name: &'static str,
+        /// What was given.
+        value: String,
+        /// What it may be.
+        cause: &'static str,
+    },
+    /// One chunk holds more patches than a tile can number.
+    #[error(
+        "chunk {chunk:?} holds {patches} patches, more than {max}: bake with fewer voxels a chunk (--chunk-voxels)"
+    )]
+    TooManyPatches {
+        /// Chunk coordinates.
+        chunk: [i32; 3],
+        /// How many.
+        patches: usize,
+        /// How many are possible.
+        max: usize,
+    },
+    /// Nothing that light could leave or reach.
+    #[error("no patches: every surface is buried, a hole or without area; check the scene's scale against the voxel edge of {voxel_edge_m} m")]
+    NoPatches {
+        /// m.
+        voxel_edge_m: f32,
+    },
+    /// The world holds another scene or other parameters.
+    #[error("{path:?} holds another world (scene {scene:?}); bake into an empty folder, or pass --overwrite")]
+    OtherWorld {
+        /// The folder.
+        path: PathBuf,
+        /// What is in it.
+        scene: String,
+    },
+    /// A folder could not be made, read or cleared.
+    #[error("{path:?}: {source}")]
+    Io {
+        /// What was touched.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A tile or the manifest could not be written or read.
+    #[error(transparent)]
+    Tile(#[from] TileError),
+}
+
+impl BakeError {
+    /// An [`Self::Io`] about `path`.
+    pub(crate) fn io(path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
+        let path = path.into();
+        move |source| Self::Io { path, source }
+    }
+}

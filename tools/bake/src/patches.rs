@@ -1,0 +1,199 @@
+//! Samples to patches: what faces one direction in one voxel.
+
+use crate::sample::{SurfaceSample, side_weights};
+use earthshine_tiles::BakeParameters;
+use earthshine_world::random::{Purpose, hash, unit_f32};
+use earthshine_world::{ChunkCoord, Direction, Grid, Patch, Rgb, Vec3, VoxelCoord};
+use std::collections::{BTreeMap, HashMap};
+
+/// Patches below this share of a voxel's face that do not emit are left out: slivers where geometry grazes a
+/// voxel would be noise to every lookup. What hits them is booked as absorbed.
+const AREA_MIN: f32 = 1e-4;
+
+/// A patch with everything the bake needs to know of it.
+#[derive(Debug, Clone)]
+pub struct BakePatch {
+    /// As it goes into the tile; its points are numbered when the chunk is emitted.
+    pub patch: Patch,
+    /// Samples it consists of, with weight `w_a * s_p`, cumulated: the last is the patch's area.
+    pub samples: Vec<(u32, f32)>,
+}
+
+/// All patches of a world, chunk by chunk.
+#[derive(Debug)]
+pub struct PatchSet {
+    /// Ordered by chunk, then direction, then Morton code.
+    pub patches: Vec<BakePatch>,
+    /// Which run of [`Self::patches`] each chunk owns, ascending.
+    pub chunks: BTreeMap<[i32; 3], std::ops::Range<u32>>,
+    /// Patch of each (voxel, direction), or [`PatchSet::NONE`]. Only looked up, never iterated.
+    by_voxel: HashMap<VoxelCoord, [u32; 6]>,
+}
+
+impl PatchSet {
+    /// No patch here.
+    pub const NONE: u32 = u32::MAX;
+
+    /// The patches of `voxel` by direction.
+    #[must_use]
+    pub fn of_voxel(&self, voxel: VoxelCoord) -> [u32; 6] {
+        self.by_voxel.get(&voxel).copied().unwrap_or([Self::NONE; 6])
+    }
+
+    /// Number of patches.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.patches.len()
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.patches.is_empty()
+    }
+
+    /// Groups `samples` into patches.
+    #[must_use]
+    pub fn group(samples: &[SurfaceSample], parameters: &BakeParameters) -> Self {
+        let grid = parameters.grid;
+        let mut contributions: Vec<Contribution> = Vec::with_capacity(samples.len());
+        for (index, sample) in samples.iter().enumerate() {
+            for (direction, weight) in side_weights(parameters.weights, sample.normal) {
+                if weight > 0.0 {
+                    contributions.push(Contribution {
+                        key: sort_key(&grid, sample.voxel, direction),
+                        sample: index as u32,
+                        weight: weight * sample.area,
+                    });
+                }
+            }
+        }
+        contributions.sort_by_key(|c| (c.key, c.sample));
+        let mut set = Self { patches: Vec::new(), chunks: BTreeMap::new(), by_voxel: HashMap::new() };
+        for run in contributions.chunk_by(|a, b| a.key == b.key) {
+            set.push(run, samples, &grid);
+        }
+        set
+    }
+
+    fn push(&mut self, run: &[Contribution], samples: &[SurfaceSample], grid: &Grid) {
+        let direction = run[0].key.1;
+        let voxel = samples[run[0].sample as usize].voxel;
+        let merged = merge(run, samples, voxel, direction);
+        let face = grid.voxel_edge_m * grid.voxel_edge_m;
+        if merged.patch.area < AREA_MIN * face && merged.patch.emission == Rgb::ZERO {
+            return;
+        }
+        let index = self.patches.len() as u32;
+        let chunk = grid.chunk_of(voxel).to_array();
+        let range = self.chunks.entry(chunk).or_insert(index..index);
+        range.end = index + 1;
+        self.by_voxel.entry(voxel).or_insert([Self::NONE; 6])[direction.index()] = index;
+        self.patches.push(merged);
+    }
+}
+
+/// One sample's share in one patch.
+struct Contribution {
+    key: ([i32; 3], Direction, u32),
+    sample: u32,
+    weight: f32,
+}
+
+fn sort_key(grid: &Grid, voxel: VoxelCoord, direction: Direction) -> ([i32; 3], Direction, u32) {
+    let chunk: ChunkCoord = grid.chunk_of(voxel);
+    let local = voxel - chunk * grid.chunk_edge_voxels.cast_signed();
+    (chunk.to_array(), direction, morton(local.to_array()))
+}
+
+/// Interleaves the low ten bits of three numbers.
+fn morton(local: [i32; 3]) -> u32 {
+    let spread = |value: i32| (0..10).fold(0u32, |code, bit| code | ((value as u32 >> bit & 1) << (3 * bit)));
+    spread(local[0]) | spread(local[1]) << 1 | spread(local[2]) << 2
+}
+
+fn merge(run: &[Contribution], samples: &[SurfaceSample], voxel: VoxelCoord, direction: Direction) -> BakePatch {
+    let mut area = 0.0f64;
+    let mut centroid = glam::DVec3::ZERO;
+    let (mut reflectance, mut emission) = (glam::DVec3::ZERO, glam::DVec3::ZERO);
+    let mut cumulated = Vec::with_capacity(run.len());
+    for contribution in run {
+        let sample = &samples[contribution.sample as usize];
+        let weight = f64::from(contribution.weight);
+        area += weight;
+        centroid += sample.position.as_dvec3() * weight;
+        reflectance += sample.reflectance.as_dvec3() * weight;
+        emission += sample.emission.as_dvec3() * weight;
+        cumulated.push((contribution.sample, area as f32));
+    }
+    let mean = |sum: glam::DVec3| -> Vec3 { (sum / area).as_vec3() };
+    BakePatch {
+        patch: Patch {
+            voxel,
+            direction,
+            area: area as f32,
+            centroid: mean(centroid),
+            reflectance: mean(reflectance).clamp(Rgb::ZERO, Rgb::splat(Patch::REFLECTANCE_MAX)),
+            emission: mean(emission),
+            point_first: 0,
+            point_count: 0,
+        },
+        samples: cumulated,
+    }
+}
+
+impl BakePatch {
+    /// The sample under the share `at` (0..1) of the patch's area.
+    #[must_use]
+    pub fn sample_at(&self, at: f32) -> u32 {
+        let target = at * self.patch.area;
+        let index = self.samples.partition_point(|&(_, cumulated)| cumulated <= target);
+        self.samples[index.min(self.samples.len() - 1)].0
+    }
+
+    /// At most `count` samples that stand for equal shares of the patch, for direct light.
+    #[must_use]
+    pub fn representative_samples(&self, count: u32, seed: u64, key: u64) -> Vec<u32> {
+        let count = (count.max(1) as usize).min(self.samples.len());
+        let shift = unit_f32(hash(seed, Purpose::PointChoice, key, 0));
+        (0..count).map(|i| self.sample_at((i as f32 + shift) / count as f32)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(position: Vec3, normal: Vec3, area: f32) -> SurfaceSample {
+        SurfaceSample {
+            position,
+            normal,
+            voxel: position.floor().as_ivec3(),
+            area,
+            reflectance: Rgb::splat(0.5),
+            emission: Rgb::ZERO,
+        }
+    }
+
+    #[test]
+    fn slanted_surfaces_become_patches_whose_areas_add_up() {
+        let normal = Vec3::new(1.0, 2.0, -2.0) / 3.0;
+        let samples = [sample(Vec3::splat(0.25), normal, 2.0), sample(Vec3::splat(0.75), normal, 1.0)];
+        let set = PatchSet::group(&samples, &BakeParameters::default());
+        assert_eq!(set.len(), 3);
+        let total: f32 = set.patches.iter().map(|p| p.patch.area).sum();
+        assert!((total - 3.0).abs() < 1e-5);
+        let of_voxel = set.of_voxel(VoxelCoord::ZERO);
+        assert_eq!(of_voxel.iter().filter(|&&p| p != PatchSet::NONE).count(), 3);
+        assert_ne!(of_voxel[Direction::NegZ.index()], PatchSet::NONE);
+        assert_eq!(set.patches[0].sample_at(0.1), 0);
+        assert_eq!(set.patches[0].sample_at(0.9), 1);
+    }
+
+    #[test]
+    fn morton_codes_interleave() {
+        assert_eq!(morton([1, 0, 0]), 1);
+        assert_eq!(morton([0, 1, 0]), 2);
+        assert_eq!(morton([3, 0, 1]), 0b001_101);
+    }
+}

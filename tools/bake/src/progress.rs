@@ -1,0 +1,66 @@
+//! How a bake tells how far it is; the tool draws bars from it.
+
+/// The stages of a bake, in order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Stage {
+    /// Building the tree over the triangles; counted in triangles.
+    Tree,
+    /// Covering surfaces with points; counted in triangles.
+    Sample,
+    /// Dropping buried points; counted in points.
+    Buried,
+    /// Tracing rows; counted in rays.
+    Rows,
+    /// Averaging and balancing rows; counted in rows.
+    Reciprocity,
+    /// Encoding and writing tiles; counted in tiles.
+    Tiles,
+}
+
+impl Stage {
+    /// All stages, in order.
+    pub const ALL: [Self; 6] =
+        [Self::Tree, Self::Sample, Self::Buried, Self::Rows, Self::Reciprocity, Self::Tiles];
+
+    /// Lower-case name, as in summaries.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Tree => "tree",
+            Self::Sample => "sample",
+            Self::Buried => "buried",
+            Self::Rows => "rows",
+            Self::Reciprocity => "reciprocity",
+            Self::Tiles => "tiles",
+        }
+    }
+
+    /// What is counted.
+    #[must_use]
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::Tree | Self::Sample => "triangles",
+            Self::Buried => "points",
+            Self::Rows => "rays",
+            Self::Reciprocity => "rows",
+            Self::Tiles => "tiles",
+        }
+    }
+}
+
+/// Hears how far a bake is. Called from several threads.
+pub trait Progress: Sync {
+    /// A stage begins with `total` units to do.
+    fn begin(&self, stage: Stage, total: u64);
+    /// `units` more are done.
+    fn advance(&self, units: u64);
+}
+
+/// Hears nothing.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Silent;
+
+impl Progress for Silent {
+    fn begin(&self, _stage: Stage, _total: u64) {}
+    fn advance(&self, _units: u64) {}
+}

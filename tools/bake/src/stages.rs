@@ -1,0 +1,324 @@
+//! The stages of a bake, run in order.
+
+use crate::buried::is_buried;
+use crate::checkpoint::Checkpoints;
+use crate::emit::{Emitter, occluders_by_chunk};
+use crate::patches::PatchSet;
+use crate::progress::{Progress, Stage};
+use crate::rows::{RAY_OFFSET, RawRow, trace_row};
+use crate::sample::{SurfaceSample, sample_triangle};
+use crate::{BakeError, BakeSummary, identity, reciprocity};
+use earthshine_scene::Scene;
+use earthshine_tiles::{BakeParameters, ChunkEntry, EncodeOptions, Manifest, RowCodec, encode, format, tile_file_name};
+use earthshine_tiles::{tile_hash, write_atomic};
+use earthshine_trace::SceneTracer;
+use earthshine_world::{Chunk, Grid, LightRig};
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+
+/// What to bake and how, besides the scene.
+#[derive(Debug, Clone)]
+pub struct BakeOptions {
+    /// Everything the bytes depend on.
+    pub parameters: BakeParameters,
+    /// How rows are stored.
+    pub codec: RowCodec,
+    /// For the manifest: where the scene came from.
+    pub scene_name: String,
+    /// The lights that go into the manifest.
+    pub lights: LightRig,
+    /// Replace a world of another scene or other parameters.
+    pub overwrite: bool,
+}
+
+/// Triangles, points or patches handled between two progress reports.
+const BATCH: usize = 1024;
+
+/// Bakes `scene` into the folder `world`.
+///
+/// A world that is whole and of the same hash is left alone. An interrupted bake goes on where it stopped.
+///
+/// # Errors
+/// [`BakeError`]; the world is then as it was, plus checkpoints.
+pub fn bake(
+    scene: &Scene,
+    world: &Path,
+    options: &BakeOptions,
+    progress: &dyn Progress,
+) -> Result<BakeSummary, BakeError> {
+    let started = Instant::now();
+    let parameters = &options.parameters;
+    check(parameters)?;
+    let world_hash = identity::world_hash(scene, parameters);
+    let mut summary = BakeSummary { triangles: scene.triangles.len() as u64, ..BakeSummary::default() };
+    if is_up_to_date(world, world_hash, options)? {
+        return finished_before(world, summary);
+    }
+    std::fs::create_dir_all(world).map_err(BakeError::io(world))?;
+    let mut clock = StageClock { summary: &mut summary, since: Instant::now() };
+
+    progress.begin(Stage::Tree, scene.triangles.len() as u64);
+    let tracer = SceneTracer::new(scene);
+    clock.end(Stage::Tree);
+    let samples = covered(scene, parameters, progress);
+    clock.summary.samples = samples.len() as u64;
+    clock.end(Stage::Sample);
+    let samples = unburied(&tracer, samples, parameters, progress);
+    clock.summary.buried_samples = clock.summary.samples - samples.len() as u64;
+    let set = PatchSet::group(&samples, parameters);
+    clock.end(Stage::Buried);
+    if set.is_empty() {
+        return Err(BakeError::NoPatches { voxel_edge_m: parameters.grid.voxel_edge_m });
+    }
+    let checkpoints = Checkpoints::open(world, world_hash)?;
+    let mut rows = traced(&tracer, &samples, &set, parameters, &checkpoints, clock.summary, progress)?;
+    clock.end(Stage::Rows);
+    progress.begin(Stage::Reciprocity, rows.len() as u64);
+    let areas: Vec<f32> = set.patches.iter().map(|p| p.patch.area).collect();
+    clock.summary.balance = reciprocity::enforce(&mut rows, &areas);
+    clock.end(Stage::Reciprocity);
+    let occluders = occluders_by_chunk(scene, parameters.grid);
+    let emitter = Emitter { samples: &samples, set: &set, rows: &rows, occluders: &occluders, parameters };
+    let chunks = written(&emitter, world, world_hash, options, progress)?;
+    let manifest = manifest(scene, world_hash, options, chunks);
+    manifest.save(world)?;
+    remove_unlisted(world, &manifest)?;
+    Checkpoints::clear(world)?;
+    clock.end(Stage::Tiles);
+    let absorbed: f64 = rows.iter().map(|row| f64::from(row.absorbed)).sum();
+    summary.absorbed_share_mean = absorbed / rows.len() as f64;
+    count(&mut summary, &manifest, started);
+    Ok(summary)
+}
+
+struct StageClock<'a> {
+    summary: &'a mut BakeSummary,
+    since: Instant,
+}
+
+impl StageClock<'_> {
+    fn end(&mut self, stage: Stage) {
+        self.summary.spent(stage, self.since.elapsed().as_secs_f64());
+        self.since = Instant::now();
+    }
+}
+
+fn check(parameters: &BakeParameters) -> Result<(), BakeError> {
+    let edge = parameters.grid.voxel_edge_m;
+    if !(edge.is_finite() && edge > 1e-4) {
+        let (name, cause) = ("voxel edge", "must be a length above 0.0001 m");
+        return Err(BakeError::Parameter { name, value: edge.to_string(), cause });
+    }
+    let chunk = parameters.grid.chunk_edge_voxels;
+    if !(1..=Grid::CHUNK_EDGE_VOXELS_MAX).contains(&chunk) {
+        let (name, cause) = ("chunk edge", "must be 1 to 22 voxels");
+        return Err(BakeError::Parameter { name, value: chunk.to_string(), cause });
+    }
+    let rays = parameters.rays_per_patch;
+    if !(1..=1 << 20).contains(&rays) {
+        let (name, cause) = ("rays per patch", "must be 1 to 1,048,576");
+        return Err(BakeError::Parameter { name, value: rays.to_string(), cause });
+    }
+    Ok(())
+}
+
+/// Whether `world` already is this bake. A world that is another one is only replaced when asked.
+fn is_up_to_date(world: &Path, world_hash: u64, options: &BakeOptions) -> Result<bool, BakeError> {
+    if !world.join(Manifest::FILE_NAME).is_file() {
+        return Ok(false);
+    }
+    let manifest = match Manifest::load(world) {
+        Ok(manifest) => manifest,
+        Err(_) if options.overwrite => return Ok(false),
+        Err(error) => return Err(error.into()),
+    };
+    if manifest.world_hash != world_hash {
+        return if options.overwrite {
+            Ok(false)
+        } else {
+            Err(BakeError::OtherWorld { path: world.to_owned(), scene: manifest.scene })
+        };
+    }
+    let whole = manifest.chunks.iter().all(|chunk| {
+        std::fs::metadata(world.join(&chunk.file)).is_ok_and(|file| file.len() == chunk.tile_bytes)
+    });
+    Ok(whole && manifest.lights == options.lights)
+}
+
+fn finished_before(world: &Path, mut summary: BakeSummary) -> Result<BakeSummary, BakeError> {
+    let manifest = Manifest::load(world)?;
+    summary.up_to_date = true;
+    count(&mut summary, &manifest, Instant::now());
+    Ok(summary)
+}
+
+fn covered(scene: &Scene, parameters: &BakeParameters, progress: &dyn Progress) -> Vec<SurfaceSample> {
+    let total = scene.triangles.len();
+    progress.begin(Stage::Sample, total as u64);
+    let batches: Vec<Vec<SurfaceSample>> = (0..total.div_ceil(BATCH))
+        .into_par_iter()
+        .map(|batch| {
+            let mut samples = Vec::new();
+            let range = batch * BATCH..((batch + 1) * BATCH).min(total);
+            let done = range.len() as u64;
+            for triangle in range {
+                sample_triangle(scene, triangle, parameters, |sample| samples.push(sample));
+            }
+            progress.advance(done);
+            samples
+        })
+        .collect();
+    batches.concat()
+}
+
+fn unburied(
+    tracer: &SceneTracer<'_>,
+    samples: Vec<SurfaceSample>,
+    parameters: &BakeParameters,
+    progress: &dyn Progress,
+) -> Vec<SurfaceSample> {
+    if parameters.buried_rays == 0 {
+        return samples;
+    }
+    progress.begin(Stage::Buried, samples.len() as u64);
+    let offset = RAY_OFFSET * parameters.grid.voxel_edge_m;
+    let keep: Vec<bool> = samples
+        .par_chunks(BATCH)
+        .enumerate()
+        .flat_map_iter(|(batch, run)| {
+            progress.advance(run.len() as u64);
+            run.iter().enumerate().map(move |(i, sample)| {
+                let key = (batch * BATCH + i) as u64;
+                !is_buried(tracer, sample, parameters.buried_rays, offset, key, parameters.seed)
+            })
+        })
+        .collect();
+    samples.into_iter().zip(keep).filter_map(|(sample, kept)| kept.then_some(sample)).collect()
+}
+
+fn traced(
+    tracer: &SceneTracer<'_>,
+    samples: &[SurfaceSample],
+    set: &PatchSet,
+    parameters: &BakeParameters,
+    checkpoints: &Checkpoints,
+    summary: &mut BakeSummary,
+    progress: &dyn Progress,
+) -> Result<Vec<RawRow>, BakeError> {
+    let rays = u64::from(parameters.rays_per_patch);
+    progress.begin(Stage::Rows, set.len() as u64 * rays);
+    let started = Instant::now();
+    let (cast, resumed) = (AtomicU64::new(0), AtomicU64::new(0));
+    let chunks: Vec<_> = set.chunks.iter().collect();
+    let by_chunk: Vec<Vec<RawRow>> = chunks
+        .par_iter()
+        .map(|(coord, range)| {
+            if let Some(rows) = checkpoints.load(**coord, range.len(), set.len()) {
+                resumed.fetch_add(1, Ordering::Relaxed);
+                progress.advance(rays * range.len() as u64);
+                return Ok(rows);
+            }
+            let rows: Vec<RawRow> = Range::clone(range)
+                .into_par_iter()
+                .map(|patch| {
+                    let row = trace_row(tracer, samples, set, patch, parameters);
+                    progress.advance(rays);
+                    row
+                })
+                .collect();
+            cast.fetch_add(rays * range.len() as u64, Ordering::Relaxed);
+            checkpoints.save(**coord, &rows)?;
+            Ok(rows)
+        })
+        .collect::<Result<_, BakeError>>()?;
+    summary.rays = cast.into_inner();
+    summary.resumed_chunks = resumed.into_inner();
+    let core_seconds = started.elapsed().as_secs_f64() * rayon::current_num_threads() as f64;
+    summary.mrays_s_core = summary.rays as f64 / core_seconds.max(1e-9) / 1e6;
+    Ok(by_chunk.into_iter().flatten().collect())
+}
+
+fn written(
+    emitter: &Emitter<'_>,
+    world: &Path,
+    world_hash: u64,
+    options: &BakeOptions,
+    progress: &dyn Progress,
+) -> Result<Vec<ChunkEntry>, BakeError> {
+    let coords = emitter.chunk_coords();
+    progress.begin(Stage::Tiles, coords.len() as u64);
+    let encoding = EncodeOptions { codec: options.codec, ..EncodeOptions::new(world_hash) };
+    coords
+        .par_iter()
+        .map(|&coord| {
+            let chunk = emitter.chunk(coord)?;
+            let bytes = encode(&chunk, &encoding)?;
+            let entry = describe(&chunk, &bytes, world_hash);
+            let path = world.join(&entry.file);
+            if let Some(folder) = path.parent() {
+                std::fs::create_dir_all(folder).map_err(BakeError::io(folder))?;
+            }
+            write_atomic(&path, &bytes)?;
+            progress.advance(1);
+            Ok(entry)
+        })
+        .collect()
+}
+
+/// The manifest's line about a tile.
+fn describe(chunk: &Chunk, bytes: &[u8], world_hash: u64) -> ChunkEntry {
+    ChunkEntry {
+        level: chunk.id.level,
+        coord: chunk.id.coord.to_array(),
+        file: tile_file_name(chunk.id, tile_hash(bytes)),
+        tile_bytes: bytes.len() as u64,
+        tile_hash: tile_hash(bytes),
+        input_hash: world_hash,
+        patch_count: chunk.patches.len() as u32,
+        nonzero_count: chunk.rows.columns.len() as u64,
+    }
+}
+
+fn manifest(scene: &Scene, world_hash: u64, options: &BakeOptions, chunks: Vec<ChunkEntry>) -> Manifest {
+    Manifest {
+        format_version: format::VERSION,
+        world_hash,
+        scene: options.scene_name.clone(),
+        parameters: options.parameters,
+        bounds: scene.bounds(),
+        lights: options.lights.clone(),
+        chunks,
+    }
+}
+
+/// Removes tiles that the manifest does not name: those of the world that this one replaced. Readers that have
+/// them mapped keep them until they let go.
+fn remove_unlisted(world: &Path, manifest: &Manifest) -> Result<(), BakeError> {
+    let listed: BTreeSet<PathBuf> = manifest.chunks.iter().map(|chunk| world.join(&chunk.file)).collect();
+    let folders: BTreeSet<&Path> = listed.iter().filter_map(|path| path.parent()).collect();
+    for folder in folders {
+        for entry in std::fs::read_dir(folder).map_err(BakeError::io(folder))? {
+            let path = entry.map_err(BakeError::io(folder))?.path();
+            if path.extension().is_some_and(|extension| extension == "tile") && !listed.contains(&path) {
+                std::fs::remove_file(&path).map_err(BakeError::io(&path))?;
+            }
+        }
+    }
+    Ok(())
+}
+
+fn count(summary: &mut BakeSummary, manifest: &Manifest, started: Instant) {
+    summary.patches = manifest.chunks.iter().map(|c| u64::from(c.patch_count)).sum();
+    summary.nonzeros = manifest.chunks.iter().map(|c| c.nonzero_count).sum();
+    summary.chunks = manifest.chunks.len() as u64;
+    summary.world_bytes = manifest.chunks.iter().map(|c| c.tile_bytes).sum();
+    summary.bytes_per_nonzero = summary.world_bytes as f64 / summary.nonzeros.max(1) as f64;
+    let size = manifest.bounds.size().as_dvec3();
+    summary.bytes_per_km2 = summary.world_bytes as f64 / (size.x * size.z).max(1e-9) * 1e6;
+    summary.seconds = started.elapsed().as_secs_f64();
+    summary.patches_s = summary.patches as f64 / summary.seconds.max(1e-9);
+}

@@ -1,0 +1,53 @@
+//! What a bake did, in numbers: `earthshine bake --json` prints it.
+
+use crate::progress::Stage;
+use crate::reciprocity::Balance;
+use std::collections::BTreeMap;
+
+/// What a bake did. Keys carry their unit last.
+#[derive(Debug, Clone, Default, serde::Serialize)]
+pub struct BakeSummary {
+    /// In the scene, instances counted.
+    pub triangles: u64,
+    /// Points on surfaces, both sides.
+    pub samples: u64,
+    /// Points dropped because they see mostly back faces.
+    pub buried_samples: u64,
+    /// Patches of level 0.
+    pub patches: u64,
+    /// Form factors stored.
+    pub nonzeros: u64,
+    /// Chunks with a tile.
+    pub chunks: u64,
+    /// Rays of rows that were traced in this run; resumed chunks need none.
+    pub rays: u64,
+    /// Chunks whose rows an interrupted run had left.
+    pub resumed_chunks: u64,
+    /// Whether the world was there already, whole.
+    pub up_to_date: bool,
+    /// Rays of rows a second and core, in millions.
+    pub mrays_s_core: f64,
+    /// Patches a second, over the whole bake.
+    pub patches_s: f64,
+    /// All files of the world.
+    pub world_bytes: u64,
+    /// Tiles only, over form factors.
+    pub bytes_per_nonzero: f64,
+    /// World size over the ground it covers.
+    pub bytes_per_km2: f64,
+    /// Mean share that hits sides without patches or was lost in balancing.
+    pub absorbed_share_mean: f64,
+    /// How the rows were balanced.
+    pub balance: Balance,
+    /// Wall time by stage.
+    pub seconds_by_stage: BTreeMap<&'static str, f64>,
+    /// Wall time in all.
+    pub seconds: f64,
+}
+
+impl BakeSummary {
+    /// Books `seconds` to `stage`.
+    pub(crate) fn spent(&mut self, stage: Stage, seconds: f64) {
+        *self.seconds_by_stage.entry(stage.name()).or_default() += seconds;
+    }
+}

@@ -1,0 +1,154 @@
+//! Whole bakes of generated scenes: the same bytes however they come about, sound rows, refusals.
+
+use earthshine_bake::{BakeError, BakeOptions, BakeSummary, Progress, Silent, Stage, bake, checkpoint};
+use earthshine_gen::{GenOptions, WorldKind};
+use earthshine_scene::{ImportOptions, Scene};
+use earthshine_tiles::{BakeParameters, DirStore, RowCodec, TileStore, check_rows};
+use earthshine_world::{Chunk, Grid, LightRig};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+fn scene(kind: WorldKind) -> Scene {
+    let glb = earthshine_gen::generate(kind, &GenOptions::default(), &|_, _| {}).expect("a generated scene");
+    earthshine_scene::load_bytes(&glb.bytes, "generated", &ImportOptions::default()).expect("an importable scene")
+}
+
+fn options(voxel_edge_m: f32) -> BakeOptions {
+    let grid = Grid { voxel_edge_m, chunk_edge_voxels: 4 };
+    BakeOptions {
+        parameters: BakeParameters { grid, rays_per_patch: 256, ..BakeParameters::default() },
+        codec: RowCodec::Half,
+        scene_name: "generated".to_owned(),
+        lights: LightRig::emission_only(),
+        overwrite: false,
+    }
+}
+
+fn files(world: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let mut folders = vec![world.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).expect("a folder") {
+            let path = entry.expect("an entry").path();
+            if path.is_dir() {
+                folders.push(path);
+            } else {
+                let name = path.strip_prefix(world).expect("inside").display().to_string();
+                found.insert(name, std::fs::read(&path).expect("a file"));
+            }
+        }
+    }
+    found
+}
+
+fn bake_with(threads: usize, scene: &Scene, world: &Path, progress: &dyn Progress) -> BakeSummary {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+    pool.install(|| bake(scene, world, &options(0.4), progress).expect("a bake"))
+}
+
+fn chunks(world: &Path) -> Vec<Chunk> {
+    let store = DirStore::open(world).expect("a world");
+    let index = store.manifest().index();
+    index.chunks.iter().map(|chunk| store.load(chunk.id).expect("a sound tile")).collect()
+}
+
+/// Stands for a kill: panics once half of the rays are cast.
+struct PullThePlug {
+    total: AtomicU64,
+    done: AtomicU64,
+}
+
+impl Progress for PullThePlug {
+    fn begin(&self, stage: Stage, total: u64) {
+        let rays = if stage == Stage::Rows { total } else { u64::MAX };
+        self.total.store(rays, Ordering::Relaxed);
+    }
+
+    fn advance(&self, units: u64) {
+        let done = self.done.fetch_add(units, Ordering::Relaxed) + units;
+        let total = self.total.load(Ordering::Relaxed);
+        assert!(total == u64::MAX || done < total / 2, "the plug is pulled");
+        if total == u64::MAX {
+            self.done.store(0, Ordering::Relaxed);
+        }
+    }
+}
+
+#[test]
+fn the_same_bytes_at_any_thread_count_and_after_an_interruption() {
+    let scene = scene(WorldKind::Cornell);
+    let folder = tempfile::tempdir().expect("a folder");
+    let [one, two, cut] = ["one", "two", "cut"].map(|name| folder.path().join(name));
+    let summary = bake_with(1, &scene, &one, &Silent);
+    bake_with(2, &scene, &two, &Silent);
+    assert_eq!(files(&one), files(&two));
+
+    let plug = PullThePlug { total: AtomicU64::new(u64::MAX), done: AtomicU64::new(0) };
+    let stopped = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| bake_with(1, &scene, &cut, &plug)));
+    assert!(stopped.is_err());
+    assert!(!cut.join("world.toml").is_file(), "no manifest before the world is whole");
+    let resumed = bake_with(2, &scene, &cut, &Silent);
+    assert!(resumed.resumed_chunks > 0 && resumed.rays < summary.rays, "{resumed:?}");
+    assert_eq!(files(&one), files(&cut));
+    assert!(!cut.join(checkpoint::FOLDER).is_dir());
+}
+
+#[test]
+fn rows_are_sound_and_reciprocal() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let summary = bake_with(2, &scene(WorldKind::Cornell), folder.path(), &Silent);
+    assert!(summary.patches > 100 && summary.buried_samples > 0, "{summary:?}");
+    assert!(summary.balance.deficit_max < 0.05, "{summary:?}");
+    for chunk in chunks(folder.path()) {
+        assert_eq!(check_rows(&chunk), Vec::new(), "chunk {}", chunk.id);
+        for patch in &chunk.patches {
+            assert!(patch.area > 0.0 && patch.point_count > 0);
+        }
+    }
+}
+
+#[test]
+fn a_closed_box_has_no_sky_and_its_area() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = scene(WorldKind::Furnace);
+    let area: f32 = scene.triangles.iter().map(|[a, b, c]| (b - a).cross(c - a).length() * 0.5).sum();
+    bake_with(2, &scene, folder.path(), &Silent);
+    let (mut inside, mut sky) = (0.0, 0.0f32);
+    for chunk in chunks(folder.path()) {
+        for (row, patch) in chunk.patches.iter().enumerate() {
+            if patch.emission.max_element() > 0.0 {
+                inside += patch.area;
+                sky = sky.max(chunk.rows.sky_shares[row].iter().sum());
+            }
+        }
+    }
+    assert!((inside / area - 1.0).abs() < 1e-4, "{inside} of {area}");
+    assert_eq!(sky, 0.0);
+}
+
+#[test]
+fn a_whole_world_is_left_alone_and_another_one_is_not_overwritten() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = scene(WorldKind::Furnace);
+    bake(&scene, folder.path(), &options(1.0), &Silent).expect("a bake");
+    let before = files(folder.path());
+    assert!(bake(&scene, folder.path(), &options(1.0), &Silent).expect("nothing to do").up_to_date);
+    let other = bake(&scene, folder.path(), &options(0.5), &Silent);
+    assert!(matches!(other, Err(BakeError::OtherWorld { .. })), "{other:?}");
+    assert_eq!(files(folder.path()), before);
+    let replaced = BakeOptions { overwrite: true, ..options(0.5) };
+    assert!(!bake(&scene, folder.path(), &replaced, &Silent).expect("replaced").up_to_date);
+    let listed = DirStore::open(folder.path()).expect("a world").manifest().chunks.len();
+    let tiles = files(folder.path()).keys().filter(|name| name.ends_with(".tile")).count();
+    assert_eq!(tiles, listed, "tiles of the old world are gone");
+}
+
+#[test]
+fn impossible_parameters_are_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let world = folder.path().join("world");
+    let result = bake(&scene(WorldKind::Furnace), &world, &options(f32::NAN), &Silent);
+    assert!(matches!(result, Err(BakeError::Parameter { name: "voxel edge", .. })));
+    assert!(!world.is_dir(), "nothing is made before parameters are checked");
+}

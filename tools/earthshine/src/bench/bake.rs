@@ -1,0 +1,65 @@
+//! `bench bake`: rays, bytes and seconds of a bake into a scratch folder.
+
+use super::Report;
+use crate::bake::QualityArguments;
+use crate::generate::ShapeArguments;
+use crate::progress_bars::BakeBars;
+use crate::{machine, scene_source};
+use anyhow::Context as _;
+use clap::Args;
+use earthshine_bake::{BakeOptions, BakeSummary};
+use earthshine_tiles::RowCodec;
+use serde::Serialize;
+use std::time::Instant;
+
+/// Arguments of `bench bake`.
+#[derive(Args)]
+pub(crate) struct BakeBenchArguments {
+    /// A generated world or a .glb file.
+    #[arg(long)]
+    scene: String,
+    #[command(flatten)]
+    quality: QualityArguments,
+    #[command(flatten)]
+    shape: ShapeFlags,
+}
+
+/// The shape of a generated world, without a seed of its own: the bake's serves both.
+#[derive(Args)]
+struct ShapeFlags {
+    /// Town: triangles wanted, instances counted.
+    #[arg(long)]
+    triangles: Option<u64>,
+    /// Town: edge of the square it covers, m.
+    #[arg(long)]
+    size: Option<f32>,
+}
+
+#[derive(Serialize)]
+struct Figures {
+    #[serde(flatten)]
+    summary: BakeSummary,
+    peak_rss_bytes: Option<u64>,
+}
+
+/// Runs the suite.
+pub(crate) fn run(arguments: &BakeBenchArguments, json: bool) -> anyhow::Result<()> {
+    let started = Instant::now();
+    let shape = ShapeArguments::of(arguments.shape.triangles, arguments.shape.size).options();
+    let source =
+        scene_source::load_generated(&arguments.scene, None, arguments.quality.metals_black(), &shape)?;
+    let options = BakeOptions {
+        parameters: arguments.quality.parameters(),
+        codec: RowCodec::Half,
+        scene_name: source.name.clone(),
+        lights: source.lights.clone(),
+        overwrite: false,
+    };
+    let folder = tempfile::tempdir().context("a scratch folder for the world")?;
+    let bars = BakeBars::new(json);
+    let summary = earthshine_bake::bake(&source.scene, folder.path(), &options, &bars)?;
+    bars.finish();
+    let figures = Figures { summary, peak_rss_bytes: machine::peak_rss_bytes() };
+    let seconds = started.elapsed().as_secs_f64();
+    Report::new("bake", &source.name, "none", arguments.quality.seed, seconds, figures).print(json)
+}

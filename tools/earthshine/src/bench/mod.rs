@@ -1,0 +1,83 @@
+//! `earthshine bench SUITE --json`: every figure, as one JSON object on standard output.
+//!
+//! A bench exits 0 when it measured, whatever the figure; it says what it compares with.
+
+mod accuracy;
+mod bake;
+mod matrix;
+mod tiles;
+
+use crate::machine::Machine;
+use clap::{Args, Subcommand};
+use serde::Serialize;
+
+/// Arguments of `earthshine bench`.
+#[derive(Args)]
+#[command(after_help = "Examples:
+  earthshine bench accuracy --scene furnace --json
+  earthshine bench accuracy --scene cornell --voxel 0.2 --json
+  earthshine bench accuracy --scene sponza.glb --lights sponza.lights.json --reference sponza.mitsuba.csv
+  earthshine bench matrix --swaps 10000 --json")]
+pub(crate) struct BenchArguments {
+    #[command(subcommand)]
+    suite: Suite,
+    /// Print one JSON object instead of lines.
+    #[arg(long, global = true)]
+    json: bool,
+}
+
+#[derive(Subcommand)]
+enum Suite {
+    /// Light at points against a reference.
+    Accuracy(accuracy::AccuracyArguments),
+    /// Add and remove against a fresh solve; the time they take.
+    Matrix(matrix::MatrixArguments),
+    /// Size and speed of a world's tiles.
+    Tiles(tiles::TilesArguments),
+    /// Rays, bytes and seconds of a bake.
+    Bake(bake::BakeBenchArguments),
+}
+
+/// What every suite prints beside its own figures.
+#[derive(Serialize)]
+struct Report<F: Serialize> {
+    suite: &'static str,
+    scene: String,
+    backend: &'static str,
+    solver: &'static str,
+    seed: u64,
+    version: &'static str,
+    machine: Machine,
+    seconds: f64,
+    #[serde(flatten)]
+    figures: F,
+}
+
+impl<F: Serialize> Report<F> {
+    fn new(suite: &'static str, scene: &str, solver: &'static str, seed: u64, seconds: f64, figures: F) -> Self {
+        let (backend, version) = ("cpu", env!("CARGO_PKG_VERSION"));
+        Self { suite, scene: scene.to_owned(), backend, solver, seed, version, machine: Machine::here(), seconds, figures }
+    }
+
+    fn print(&self, json: bool) -> anyhow::Result<()> {
+        if json {
+            println!("{}", serde_json::to_string(self)?);
+            return Ok(());
+        }
+        let serde_json::Value::Object(keys) = serde_json::to_value(self)? else { return Ok(()) };
+        for (key, value) in keys {
+            println!("{key:>24}  {value}");
+        }
+        Ok(())
+    }
+}
+
+/// Runs the subcommand.
+pub(crate) fn run(arguments: &BenchArguments) -> anyhow::Result<()> {
+    match &arguments.suite {
+        Suite::Accuracy(suite) => accuracy::run(suite, arguments.json),
+        Suite::Matrix(suite) => matrix::run(suite, arguments.json),
+        Suite::Tiles(suite) => tiles::run(suite, arguments.json),
+        Suite::Bake(suite) => bake::run(suite, arguments.json),
+    }
+}

@@ -1,0 +1,77 @@
+//! What the process's exit code says.
+
+use earthshine_bake::BakeError;
+use earthshine_client::ClientError;
+use earthshine_fly::FlyError;
+use earthshine_scene::SceneError;
+use earthshine_server::ServerError;
+use earthshine_tiles::TileError;
+
+/// Anything without a code of its own.
+pub(crate) const OTHER: u8 = 1;
+/// The command line (clap's own code).
+pub(crate) const USAGE: u8 = 2;
+/// A scene, lights, points or picture file.
+pub(crate) const INPUT: u8 = 3;
+/// A world folder or tile.
+pub(crate) const WORLD: u8 = 4;
+/// Connection refused, lost, timed out, or another version.
+pub(crate) const CONNECTION: u8 = 7;
+/// A file could not be written or read: disk full, permissions.
+pub(crate) const STORAGE: u8 = 8;
+/// A check that was asked for found faults.
+pub(crate) const FAULTS: u8 = 9;
+
+/// For `--help`.
+pub(crate) const HELP: &str = "\
+Exit codes: 0 done; 1 other; 2 command line; 3 input file (scene, lights, points, picture); 4 world or tile;
+5 configuration; 6 address in use; 7 connection; 8 storage (disk full, permissions); 9 a check found faults.
+
+Examples:
+  earthshine demo
+  earthshine gen town town.glb && earthshine bake town.glb town.world
+  earthshine serve town.world & earthshine fly --out pictures";
+
+/// A check that was asked for found faults; they have been printed.
+#[derive(Debug, thiserror::Error)]
+#[error("{count} faults found")]
+pub(crate) struct FaultsFound {
+    /// How many.
+    pub count: usize,
+}
+
+/// The code for `error`: that of the first cause that has one.
+pub(crate) fn of(error: &anyhow::Error) -> u8 {
+    error.chain().find_map(code).unwrap_or(OTHER)
+}
+
+fn code(cause: &(dyn std::error::Error + 'static)) -> Option<u8> {
+    if let Some(error) = cause.downcast_ref::<ServerError>() {
+        return Some(error.exit_code());
+    }
+    if let Some(error) = cause.downcast_ref::<TileError>() {
+        return Some(tile_code(error));
+    }
+    if let Some(error) = cause.downcast_ref::<BakeError>() {
+        return Some(match error {
+            BakeError::Parameter { .. } => USAGE,
+            BakeError::TooManyPatches { .. } | BakeError::NoPatches { .. } => INPUT,
+            BakeError::OtherWorld { .. } => WORLD,
+            BakeError::Io { .. } => STORAGE,
+            BakeError::Tile(error) => tile_code(error),
+        });
+    }
+    let connection = cause.is::<ClientError>() || cause.is::<FlyError>();
+    let input = cause.is::<SceneError>();
+    match (connection, input) {
+        (true, _) => Some(CONNECTION),
+        (_, true) => Some(INPUT),
+        _ if cause.is::<FaultsFound>() => Some(FAULTS),
+        _ if cause.is::<std::io::Error>() => Some(STORAGE),
+        _ => None,
+    }
+}
+
+fn tile_code(error: &TileError) -> u8 {
+    if matches!(error, TileError::Io { .. }) { STORAGE } else { WORLD }
+}

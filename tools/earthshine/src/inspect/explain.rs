@@ -1,0 +1,94 @@
+//! One chunk, or one row, in words.
+
+use anyhow::bail;
+use earthshine_tiles::{DirStore, TileStore};
+use earthshine_world::{Chunk, ChunkId, Direction, PatchId};
+use std::collections::BTreeMap;
+
+/// Entries of a row that are listed one by one.
+const LISTED_MAX: usize = 12;
+
+/// What chunk `id` holds.
+pub(crate) fn chunk(store: &DirStore, id: ChunkId, json: bool) -> anyhow::Result<()> {
+    let chunk = store.load(id)?;
+    let bounds = store.manifest().parameters.grid.chunk_bounds(id.coord);
+    let area: f32 = chunk.patches.iter().map(|patch| patch.area).sum();
+    let by_direction = Direction::ALL.map(|d| chunk.patches.iter().filter(|p| p.direction == d).count());
+    let rows = chunk.rows.row_count().max(1) as f64;
+    let mean = |shares: &mut dyn Iterator<Item = f32>| shares.map(f64::from).sum::<f64>() / rows;
+    let sky = mean(&mut chunk.rows.sky_shares.iter().map(|shares| shares.iter().sum()));
+    let absorbed = mean(&mut chunk.rows.absorbed_shares.iter().copied());
+    let (nonzeros, segments) = (chunk.rows.columns.len(), chunk.rows.segments.len());
+    let emitters = chunk.patches.iter().filter(|patch| patch.emission.max_element() > 0.0).count();
+    if json {
+        let summary = serde_json::json!({
+            "chunk": id.coord.to_array(), "patches": chunk.patches.len(), "patches_by_direction": by_direction,
+            "area_m2": area, "points": chunk.points.len(), "nonzeros": nonzeros, "seen_chunks": segments,
+            "sky_share_mean": sky, "absorbed_share_mean": absorbed, "emitters": emitters,
+            "occluder_triangles": chunk.occluders.triangles.len(),
+        });
+        println!("{summary}");
+        return Ok(());
+    }
+    println!("chunk {id} spans {:.2} to {:.2} m", bounds.min, bounds.max);
+    println!("{} patches, {area:.1} m2, {} sample points, {emitters} emit", chunk.patches.len(), chunk.points.len());
+    for (direction, count) in Direction::ALL.iter().zip(by_direction) {
+        println!("  {direction:?} {count}");
+    }
+    println!("{nonzeros} form factors into {segments} chunks, {:.0} a row", nonzeros as f64 / rows);
+    println!("of the light that arrives, {:.1} % is sky, {:.2} % hits nothing that reflects", sky * 100.0, absorbed * 100.0);
+    println!("{} triangles cast shadows", chunk.occluders.triangles.len());
+    Ok(())
+}
+
+/// Where the light of patch `local` of chunk `id` comes from.
+pub(crate) fn row(store: &DirStore, id: ChunkId, local: u16, json: bool) -> anyhow::Result<()> {
+    let chunk = store.load(id)?;
+    let Some(patch) = chunk.patches.get(usize::from(local)) else {
+        bail!("chunk {id} has {} patches; {local} is not one of them", chunk.patches.len());
+    };
+    let index = usize::from(local);
+    let sky: f32 = chunk.rows.sky_shares[index].iter().sum();
+    let absorbed = chunk.rows.absorbed_shares[index];
+    let mut entries: Vec<(PatchId, f32)> =
+        chunk.rows.row(index).map(|(column, share)| (chunk.rows.patch_id(column), share)).collect();
+    entries.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+    if json {
+        let entries: Vec<_> = entries
+            .iter()
+            .map(|(patch, share)| serde_json::json!({"chunk": patch.chunk.coord.to_array(), "patch": patch.local, "share": share}))
+            .collect();
+        let summary = serde_json::json!({
+            "chunk": id.coord.to_array(), "patch": local, "area_m2": patch.area, "sky_shares": chunk.rows.sky_shares[index],
+            "absorbed_share": absorbed, "row_sum": chunk.rows.row_sum(index), "entries": entries,
+        });
+        println!("{summary}");
+        return Ok(());
+    }
+    println!("patch {local} of chunk {id}: voxel {}, facing {:?}", patch.voxel, patch.direction);
+    println!("area {:.4} m2 around {:.2}, reflectance {:.3}, emission {:.1} lm/m2", patch.area, patch.centroid, patch.reflectance, patch.emission);
+    println!("light arrives from {} patches, {:.1} % from the sky, {:.2} % from nothing", entries.len(), sky * 100.0, absorbed * 100.0);
+    print_chunks(&entries);
+    for (patch, share) in entries.iter().take(LISTED_MAX) {
+        println!("  {:6.3} % patch {} of {}{}", share * 100.0, patch.local, patch.chunk, facing(&chunk, *patch));
+    }
+    println!("row sum {:.6}", chunk.rows.row_sum(index));
+    Ok(())
+}
+
+fn facing(chunk: &Chunk, patch: PatchId) -> String {
+    match chunk.patches.get(usize::from(patch.local)) {
+        Some(own) if patch.chunk == chunk.id => format!(", facing {:?} at {:.2}", own.direction, own.centroid),
+        _ => String::new(),
+    }
+}
+
+fn print_chunks(entries: &[(PatchId, f32)]) {
+    let mut by_chunk: BTreeMap<ChunkId, f32> = BTreeMap::new();
+    for (patch, share) in entries {
+        *by_chunk.entry(patch.chunk).or_default() += share;
+    }
+    for (chunk, share) in by_chunk {
+        println!("  {:6.2} % from chunk {chunk}", share * 100.0);
+    }
+}

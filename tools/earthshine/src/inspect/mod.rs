@@ -1,0 +1,98 @@
+//! `earthshine inspect`: what is in a world, a chunk or a row; and whether it is sound.
+
+mod explain;
+mod verify;
+
+use clap::{Args, Subcommand};
+use earthshine_tiles::{DirStore, Manifest};
+use earthshine_world::ChunkId;
+use glam::IVec3;
+use std::path::PathBuf;
+
+/// Arguments of `earthshine inspect`.
+#[derive(Args)]
+#[command(after_help = "Examples:
+  earthshine inspect town.world
+  earthshine inspect town.world chunk 0,0,-1
+  earthshine inspect town.world row 0,0,-1 17
+  earthshine inspect town.world verify")]
+pub(crate) struct InspectArguments {
+    /// World folder.
+    world: PathBuf,
+    #[command(subcommand)]
+    what: Option<What>,
+    /// Print JSON.
+    #[arg(long, global = true)]
+    json: bool,
+}
+
+#[derive(Subcommand)]
+enum What {
+    /// The whole world in a few lines (the default).
+    Summary,
+    /// One chunk in words.
+    Chunk {
+        /// x,y,z in chunk edges.
+        #[arg(value_parser = coordinates, allow_hyphen_values = true)]
+        chunk: IVec3,
+    },
+    /// One row in words: where the light of a patch comes from.
+    Row {
+        /// x,y,z in chunk edges.
+        #[arg(value_parser = coordinates, allow_hyphen_values = true)]
+        chunk: IVec3,
+        /// Patch of that chunk.
+        patch: u16,
+    },
+    /// Every checksum, every row invariant, reciprocity across chunks.
+    Verify,
+}
+
+fn coordinates(text: &str) -> Result<IVec3, String> {
+    let parts: Vec<i32> = text
+        .split(',')
+        .map(|part| part.trim().parse::<i32>().map_err(|error| format!("{part:?}: {error}")))
+        .collect::<Result<_, _>>()?;
+    <[i32; 3]>::try_from(parts).map(IVec3::from).map_err(|parts| format!("{} numbers, not x,y,z", parts.len()))
+}
+
+/// Runs the subcommand.
+pub(crate) fn run(arguments: &InspectArguments) -> anyhow::Result<()> {
+    let store = DirStore::open(&arguments.world)?;
+    match arguments.what.as_ref().unwrap_or(&What::Summary) {
+        What::Summary => summary(store.manifest(), arguments.json),
+        What::Chunk { chunk } => explain::chunk(&store, ChunkId::new(0, *chunk), arguments.json),
+        What::Row { chunk, patch } => explain::row(&store, ChunkId::new(0, *chunk), *patch, arguments.json),
+        What::Verify => verify::run(&store, arguments.json),
+    }
+}
+
+fn summary(manifest: &Manifest, json: bool) -> anyhow::Result<()> {
+    let patches: u64 = manifest.chunks.iter().map(|chunk| u64::from(chunk.patch_count)).sum();
+    let nonzeros: u64 = manifest.chunks.iter().map(|chunk| chunk.nonzero_count).sum();
+    let bytes: u64 = manifest.chunks.iter().map(|chunk| chunk.tile_bytes).sum();
+    let size = manifest.bounds.size();
+    let square_kilometres = f64::from(size.x) * f64::from(size.z) / 1e6;
+    let per_km2 = bytes as f64 / square_kilometres.max(1e-12);
+    let per_nonzero = bytes as f64 / nonzeros.max(1) as f64;
+    if json {
+        let summary = serde_json::json!({
+            "scene": manifest.scene, "chunks": manifest.chunks.len(), "patches": patches, "nonzeros": nonzeros,
+            "world_bytes": bytes, "bytes_per_nonzero": per_nonzero, "bytes_per_km2": per_km2,
+            "parameters": manifest.parameters, "bounds": manifest.bounds, "lights": manifest.lights.lights.len(),
+        });
+        println!("{summary}");
+        return Ok(());
+    }
+    let grid = manifest.parameters.grid;
+    println!("scene       {}", manifest.scene);
+    println!("size        {:.1} x {:.1} x {:.1} m, from {:.1}", size.x, size.y, size.z, manifest.bounds.min);
+    println!("grid        voxels of {} m, chunks of {} m", grid.voxel_edge_m, grid.chunk_edge_m());
+    println!("chunks      {}", manifest.chunks.len());
+    println!("patches     {patches}");
+    println!("non-zeros   {nonzeros} ({:.0} a row)", nonzeros as f64 / patches.max(1) as f64);
+    println!("disk        {:.2} MB, {per_nonzero:.2} bytes a non-zero, {:.1} MB/km2", bytes as f64 / 1e6, per_km2 / 1e6);
+    println!("lights      {} and a sky of {:.0} cd/m2 upwards", manifest.lights.lights.len(), manifest.lights.sky.lobes[2]);
+    println!("rays        {} a patch, seed {}", manifest.parameters.rays_per_patch, manifest.parameters.seed);
+    Ok(())
+}

@@ -1,0 +1,50 @@
+//! Where a scene comes from: a glTF file, or the name of a generated world.
+
+use anyhow::Context as _;
+use earthshine_gen::{GenOptions, WorldKind};
+use earthshine_scene::{ImportOptions, Scene};
+use earthshine_tiles::BakeParameters;
+use earthshine_world::LightRig;
+use std::path::Path;
+
+/// A scene with its name and lights.
+pub(crate) struct SceneSource {
+    pub(crate) scene: Scene,
+    pub(crate) name: String,
+    pub(crate) lights: LightRig,
+}
+
+/// Loads `scene`, and `lights` where a file is given.
+pub(crate) fn load(
+    scene: &str,
+    lights: Option<&Path>,
+    parameters: &BakeParameters,
+) -> anyhow::Result<SceneSource> {
+    load_generated(scene, lights, parameters.metals_black, &GenOptions::default())
+}
+
+/// As [`load`]; a generated world takes its shape from `shape`.
+pub(crate) fn load_generated(
+    scene: &str,
+    lights: Option<&Path>,
+    metals_black: bool,
+    shape: &GenOptions,
+) -> anyhow::Result<SceneSource> {
+    let options = ImportOptions { metals_black, ..ImportOptions::default() };
+    let is_file = Path::new(scene).extension().is_some();
+    let (loaded, name) = match scene.parse::<WorldKind>() {
+        Ok(kind) if !is_file => {
+            let glb = earthshine_gen::generate(kind, shape, &|_, _| {})?;
+            (earthshine_scene::load_bytes(&glb.bytes, scene, &options)?, scene.to_owned())
+        }
+        _ => {
+            let path = Path::new(scene);
+            let name = path.file_name().map_or(scene.into(), |name| name.to_string_lossy().into_owned());
+            (earthshine_scene::load(path, &options)?, name)
+        }
+    };
+    let file = lights.map(earthshine_scene::load_lights).transpose()?;
+    let lights = earthshine_scene::light_rig(&loaded, file.as_ref());
+    lights.validate().context("the scene's lights")?;
+    Ok(SceneSource { scene: loaded, name, lights })
+}

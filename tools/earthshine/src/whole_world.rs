@@ -1,0 +1,163 @@
+//! A whole world in memory, solved at once: what `bench accuracy`, `render` and `compare` hold the service against.
+//!
+//! Not the service: no streaming, no local matrix. Fit for worlds of some hundred thousand patches.
+
+use anyhow::Context as _;
+use earthshine_light::{OccluderSet, Occluders, direct_irradiance};
+use earthshine_radiosity::gather::{self, SparseRows};
+use earthshine_tiles::{DirStore, Manifest, TileStore};
+use earthshine_volume::{Layout, Volume};
+use earthshine_world::{Chunk, ChunkId, LightRig, Rgb};
+use glam::IVec3;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Relative change of the light at which a solve ends.
+const TOLERANCE: f32 = 1e-5;
+/// Bounces after which it ends anyway: 0.98 to this power is below the tolerance.
+const BOUNCES_MAX: u32 = 600;
+
+/// Every chunk of a world.
+pub(crate) struct WholeWorld {
+    pub(crate) manifest: Manifest,
+    chunks: Vec<Chunk>,
+    rows: SparseRows,
+    occluders: OccluderSet,
+}
+
+/// Light on every patch, in the order of the chunks.
+pub(crate) struct WholeLight {
+    pub(crate) irradiance: Vec<Rgb>,
+    pub(crate) sky_irradiance: Vec<Rgb>,
+    pub(crate) direct_exitance: Vec<Rgb>,
+    pub(crate) bounces: u32,
+}
+
+impl WholeWorld {
+    /// Reads and checks every tile.
+    pub(crate) fn load(world: &Path) -> anyhow::Result<Self> {
+        let store = DirStore::open(world)?;
+        let manifest = store.manifest().clone();
+        let ids: Vec<ChunkId> = manifest.index().chunks.iter().map(|chunk| chunk.id).collect();
+        let chunks: Vec<Chunk> = ids.par_iter().map(|&id| store.load(id)).collect::<Result<_, _>>()?;
+        let mut occluders = OccluderSet::new();
+        for (id, built) in
+            chunks.par_iter().map(|chunk| (chunk.id, Occluders::build(&chunk.occluders))).collect::<Vec<_>>()
+        {
+            occluders.insert(id, Arc::new(built));
+        }
+        let rows = global_rows(&chunks)?;
+        Ok(Self { manifest, chunks, rows, occluders })
+    }
+
+    /// Number of patches.
+    pub(crate) fn patch_count(&self) -> usize {
+        self.chunks.iter().map(|chunk| chunk.patches.len()).sum()
+    }
+
+    /// Solves the light of `rig`, all bounces.
+    pub(crate) fn solve(&self, rig: &LightRig) -> WholeLight {
+        let direct_exitance = self.direct_exitance(rig);
+        let patches = || self.chunks.iter().flat_map(|chunk| &chunk.patches);
+        let reflectance: Vec<Rgb> = patches().map(|patch| patch.reflectance).collect();
+        let sky_irradiance: Vec<Rgb> = self
+            .chunks
+            .iter()
+            .flat_map(|chunk| &chunk.rows.sky_shares)
+            .map(|shares| rig.sky.irradiance(shares))
+            .collect();
+        let mut irradiance = vec![Rgb::ZERO; reflectance.len()];
+        let sources = gather::Sources {
+            direct_exitance: &direct_exitance,
+            outside_irradiance: &sky_irradiance,
+            reflectance: &reflectance,
+        };
+        let solved = gather::solve(&self.rows, &sources, &mut irradiance, TOLERANCE, BOUNCES_MAX);
+        WholeLight { irradiance, sky_irradiance, direct_exitance, bounces: solved.iterations }
+    }
+
+    /// `rho * E_direct + emission` of every patch, lm/m2.
+    fn direct_exitance(&self, rig: &LightRig) -> Vec<Rgb> {
+        let epsilon = self.manifest.parameters.grid.voxel_edge_m * 1e-3;
+        let seed = self.manifest.parameters.seed;
+        self.chunks
+            .par_iter()
+            .flat_map_iter(|chunk| {
+                chunk.patches.iter().map(move |patch| {
+                    let points = chunk.points_of(patch);
+                    let arriving = direct_irradiance(&self.occluders, &rig.lights, points, epsilon, seed);
+                    patch.reflectance * arriving + patch.emission * rig.emission_scale
+                })
+            })
+            .collect()
+    }
+
+    /// The volume a client would hold if all of the world were resident.
+    pub(crate) fn volume(&self, light: &WholeLight) -> anyhow::Result<Volume> {
+        let voxels = || self.chunks.iter().flat_map(|chunk| chunk.patches.iter().map(|patch| patch.voxel));
+        let low = voxels().reduce(IVec3::min).context("the world has no patches")?;
+        let high = voxels().reduce(IVec3::max).context("the world has no patches")?;
+        let edge = self.manifest.parameters.grid.voxel_edge_m;
+        let dims = (high - low + 1).as_uvec3();
+        let mut volume = Volume::new(Layout { level: 0, origin: low, dims, voxel_edge_m: edge })?;
+        let patches = self.chunks.iter().flat_map(|chunk| &chunk.patches);
+        for (index, patch) in patches.enumerate() {
+            let (all, sky) = (light.irradiance[index], light.sky_irradiance[index]);
+            volume.set_patch(patch.voxel, patch.direction.index(), all, sky, u8::MAX);
+        }
+        Ok(volume)
+    }
+}
+
+/// Rows of all chunks over one numbering.
+fn global_rows(chunks: &[Chunk]) -> anyhow::Result<SparseRows> {
+    let mut first = BTreeMap::new();
+    let mut count = 0u32;
+    for chunk in chunks {
+        first.insert(chunk.id, count);
+        count += chunk.patches.len() as u32;
+    }
+    let nonzeros = chunks.iter().map(|chunk| chunk.rows.columns.len()).sum();
+    let mut rows = SparseRows {
+        starts: Vec::with_capacity(count as usize + 1),
+        columns: Vec::with_capacity(nonzeros),
+        shares: Vec::with_capacity(nonzeros),
+    };
+    rows.starts.push(0);
+    for chunk in chunks {
+        let bases: Vec<u32> = chunk
+            .rows
+            .segments
+            .iter()
+            .map(|id| first.get(id).copied().with_context(|| format!("chunk {id} is not in the manifest")))
+            .collect::<Result<_, _>>()?;
+        for row in 0..chunk.rows.row_count() {
+            for (column, share) in chunk.rows.row(row) {
+                rows.columns.push(bases[usize::from(column.segment)] + u32::from(column.local));
+                rows.shares.push(share);
+            }
+            rows.starts.push(rows.columns.len() as _);
+        }
+    }
+    Ok(rows)
+}
+
+impl WholeWorld {
+    /// Largest relative error of exitance over all patches of a closed, uniform, emitting box: there `B = E / (1 - rho)`.
+    pub(crate) fn furnace_error(&self) -> f32 {
+        let light = self.solve(&LightRig::emission_only());
+        let patches = self.chunks.iter().flat_map(|chunk| &chunk.patches);
+        patches
+            .zip(light.direct_exitance.iter().zip(&light.irradiance))
+            // Patches on the outside of the box emit nothing and see nothing.
+            .filter(|(_, (own, _))| own.max_element() > 0.0)
+            .map(|(patch, (&own, &irradiance))| {
+                let expected = own / (Rgb::ONE - patch.reflectance);
+                let exitance = own + patch.reflectance * irradiance;
+                ((exitance - expected) / expected).abs().max_element()
+            })
+            .fold(0.0, f32::max)
+    }
+}

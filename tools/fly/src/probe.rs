@@ -1,0 +1,93 @@
+//! Where light is looked up to see whether it is there.
+
+use earthshine_client::Light;
+use glam::Vec3;
+
+/// A place on a surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Probe {
+    /// m.
+    pub position: Vec3,
+    /// Of the surface.
+    pub normal: Vec3,
+}
+
+/// Where a flight looks for light in every frame.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Probes {
+    /// Straight down from the camera and from points around it, for whoever knows nothing of the world. A column
+    /// is dark where nothing that faces up is lit. The frame is a miss where *all* columns are dark: at the rim of
+    /// a world some always are.
+    Ground {
+        /// Columns besides the camera's own.
+        count: u32,
+        /// Of those around the camera, m.
+        radius_m: f32,
+        /// How far down, m.
+        depth_m: f32,
+    },
+    /// Surface points of the world, of which the nearest ones are asked. The frame is a miss where *any* is dark.
+    Surface {
+        /// All of them.
+        probes: Vec<Probe>,
+        /// Those farther from the camera are not asked, m.
+        radius_m: f32,
+        /// Most probes a frame.
+        count_max: usize,
+    },
+}
+
+impl Default for Probes {
+    /// Nine columns within 2 m, 20 m deep.
+    fn default() -> Self {
+        Self::Ground { count: 8, radius_m: 2.0, depth_m: 20.0 }
+    }
+}
+
+/// What one frame's probes found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct Found {
+    pub(crate) asked: u64,
+    pub(crate) dark: u64,
+    pub(crate) is_miss: bool,
+}
+
+impl Probes {
+    /// Steps down a column, in voxels: as far as the lookup rule reaches.
+    const COLUMN_STEP_VOXELS: f32 = 1.0;
+    /// Most steps down a column.
+    const COLUMN_STEPS_MAX: usize = 256;
+
+    pub(crate) fn ask(&self, light: &Light, position: Vec3, voxel_edge_m: f32) -> Found {
+        match self {
+            Self::Ground { count, radius_m, depth_m } => {
+                let around = (0..*count).map(|index| {
+                    let angle = std::f32::consts::TAU * index as f32 / *count as f32;
+                    position + Vec3::new(angle.cos(), 0.0, angle.sin()) * *radius_m
+                });
+                let columns = std::iter::once(position).chain(around);
+                let dark = columns.filter(|&top| !is_column_lit(light, top, *depth_m, voxel_edge_m)).count();
+                let (asked, dark) = (u64::from(*count) + 1, dark as u64);
+                Found { asked, dark, is_miss: dark == asked }
+            }
+            Self::Surface { probes, radius_m, count_max } => {
+                let mut near: Vec<(f32, &Probe)> = probes
+                    .iter()
+                    .map(|probe| (probe.position.distance_squared(position), probe))
+                    .filter(|(distance, _)| *distance <= radius_m * radius_m)
+                    .collect();
+                near.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+                near.truncate(*count_max);
+                let is_dark = |probe: &Probe| light.lookup(probe.position, probe.normal).is_none();
+                let dark = near.iter().filter(|(_, probe)| is_dark(probe)).count() as u64;
+                Found { asked: near.len() as u64, dark, is_miss: dark > 0 }
+            }
+        }
+    }
+}
+
+fn is_column_lit(light: &Light, top: Vec3, depth_m: f32, voxel_edge_m: f32) -> bool {
+    let step_m = voxel_edge_m * Probes::COLUMN_STEP_VOXELS;
+    let steps = (depth_m / step_m).clamp(0.0, Probes::COLUMN_STEPS_MAX as f32) as usize;
+    (0..=steps).any(|step| light.lookup(top - Vec3::Y * (step as f32 * step_m), Vec3::Y).is_some())
+}

@@ -1,0 +1,238 @@
+//! Reference light on disk: one point a line, `x,y,z,nx,ny,nz,r,g,b,sr,sg,sb`.
+//!
+//! Metres, unit normals, irradiance as served in lx, standard error of its mean in lx. Columns are found
+//! by name: their order is free and further ones are ignored. Other renderers write these files too, so
+//! everything in them is checked and a fault is named by line and column.
+
+use earthshine_world::{Rgb, Vec3};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+/// The columns, in the order they are written.
+pub const COLUMNS: [&str; 12] = ["x", "y", "z", "nx", "ny", "nz", "r", "g", "b", "sr", "sg", "sb"];
+/// Largest file that is read, bytes: some millions of points.
+pub const FILE_BYTES_MAX: u64 = 1 << 30;
+/// How far a normal's length may be from one: files carry six decimals.
+const NORMAL_TOLERANCE: f32 = 1e-3;
+
+/// Light at one point, as some renderer found it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReferencePoint {
+    /// m.
+    pub position: Vec3,
+    /// Unit.
+    pub normal: Vec3,
+    /// lx.
+    pub irradiance: Rgb,
+    /// Of the irradiance, lx.
+    pub standard_error: Rgb,
+}
+
+/// A file that holds no reference light.
+#[derive(Debug, thiserror::Error)]
+pub enum CsvError {
+    /// Cannot be read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Too large to be what it says.
+    #[error("{}: {bytes} bytes are more than the {FILE_BYTES_MAX} a reference may have", path.display())]
+    TooLarge {
+        /// Which file.
+        path: PathBuf,
+        /// Its size.
+        bytes: u64,
+    },
+    /// Something in the file is wrong.
+    #[error("{}, line {line}: {fault}", path.display())]
+    Line {
+        /// Which file.
+        path: PathBuf,
+        /// Counted from one.
+        line: usize,
+        /// What is wrong there.
+        fault: LineFault,
+    },
+}
+
+/// What is wrong with a line.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum LineFault {
+    /// The file is empty.
+    #[error("there is no header; expected {}", COLUMNS.join(","))]
+    NoHeader,
+    /// The header lacks a column.
+    #[error("the header has no column `{0}`; expected {expected}", expected = COLUMNS.join(","))]
+    ColumnMissing(&'static str),
+    /// A line is shorter than the header.
+    #[error("column `{0}` is missing")]
+    ValueMissing(&'static str),
+    /// Not a number.
+    #[error("column `{column}` is `{text}`, which is not a finite number")]
+    NotFinite {
+        /// Which column.
+        column: &'static str,
+        /// What it holds.
+        text: String,
+    },
+    /// Light and its error cannot be negative.
+    #[error("column `{column}` is {value}, below zero")]
+    Negative {
+        /// Which column.
+        column: &'static str,
+        /// What it holds.
+        value: f32,
+    },
+    /// A direction must be one.
+    #[error("the normal has length {length}, not one")]
+    NormalNotUnit {
+        /// Its length.
+        length: f32,
+    },
+}
+
+/// Reads reference points.
+///
+/// # Errors
+/// The file cannot be read, is too large, or a line is not a point.
+pub fn read(path: &Path) -> Result<Vec<ReferencePoint>, CsvError> {
+    let io = |source| CsvError::Io { path: path.into(), source };
+    let bytes = std::fs::metadata(path).map_err(io)?.len();
+    if bytes > FILE_BYTES_MAX {
+        return Err(CsvError::TooLarge { path: path.into(), bytes });
+    }
+    let text = std::fs::read_to_string(path).map_err(io)?;
+    parse(&text).map_err(|(line, fault)| CsvError::Line { path: path.into(), line, fault })
+}
+
+/// Writes reference points; the file appears whole or not at all.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write(path: &Path, points: &[ReferencePoint]) -> Result<(), CsvError> {
+    let mut unfinished = path.as_os_str().to_owned();
+    unfinished.push(".part");
+    std::fs::write(&unfinished, to_text(points))
+        .and_then(|()| std::fs::rename(&unfinished, path))
+        .map_err(|source| CsvError::Io { path: path.into(), source })
+}
+
+/// The file's contents for `points`; numbers read back to the same bits.
+#[must_use]
+pub fn to_text(points: &[ReferencePoint]) -> String {
+    let mut text = COLUMNS.join(",") + "\n";
+    for point in points {
+        let values = [point.position, point.normal, point.irradiance, point.standard_error];
+        let numbers: Vec<String> = values.iter().flat_map(Vec3::to_array).map(|v| v.to_string()).collect();
+        writeln!(text, "{}", numbers.join(",")).expect("a string grows");
+    }
+    text
+}
+
+/// The points in `text`.
+///
+/// # Errors
+/// The first faulty line, counted from one, and its fault.
+pub fn parse(text: &str) -> Result<Vec<ReferencePoint>, (usize, LineFault)> {
+    let mut lines = text.lines().enumerate();
+    let (_, header) = lines.next().ok_or((1, LineFault::NoHeader))?;
+    let places = column_places(header).map_err(|fault| (1, fault))?;
+    lines
+        .filter(|(_, line)| !line.trim().is_empty())
+        .map(|(index, line)| point_of(line, &places).map_err(|fault| (index + 1, fault)))
+        .collect()
+}
+
+fn column_places(header: &str) -> Result<[usize; 12], LineFault> {
+    let names: Vec<&str> = header.trim_start_matches('\u{feff}').split(',').map(str::trim).collect();
+    let mut places = [0; 12];
+    for (place, column) in places.iter_mut().zip(COLUMNS) {
+        let found = names.iter().position(|&name| name == column);
+        *place = found.ok_or(LineFault::ColumnMissing(column))?;
+    }
+    Ok(places)
+}
+
+fn point_of(line: &str, places: &[usize; 12]) -> Result<ReferencePoint, LineFault> {
+    let fields: Vec<&str> = line.split(',').map(str::trim).collect();
+    let mut values = [0.0f32; 12];
+    for ((value, &place), column) in values.iter_mut().zip(places).zip(COLUMNS) {
+        let text = *fields.get(place).ok_or(LineFault::ValueMissing(column))?;
+        *value = match text.parse::<f32>() {
+            Ok(number) if number.is_finite() => number,
+            _ => return Err(LineFault::NotFinite { column, text: text.into() }),
+        };
+    }
+    for (&value, column) in values.iter().zip(COLUMNS).skip(6) {
+        if value < 0.0 {
+            return Err(LineFault::Negative { column, value });
+        }
+    }
+    let at = |first: usize| Vec3::new(values[first], values[first + 1], values[first + 2]);
+    let length = at(3).length();
+    if (length - 1.0).abs() > NORMAL_TOLERANCE {
+        return Err(LineFault::NormalNotUnit { length });
+    }
+    Ok(ReferencePoint { position: at(0), normal: at(3) / length, irradiance: at(6), standard_error: at(9) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HEADER: &str = "x,y,z,nx,ny,nz,r,g,b,sr,sg,sb\n";
+
+    fn fault(text: &str) -> (usize, LineFault) {
+        parse(text).expect_err("a fault")
+    }
+
+    #[test]
+    fn points_survive_a_round_trip_through_a_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("points.csv");
+        let points: Vec<ReferencePoint> = (1..50)
+            .map(|i| ReferencePoint {
+                position: Vec3::new(0.1, -7.3, 1e-5) * i as f32,
+                normal: Vec3::NEG_Z,
+                irradiance: Rgb::new(1e5, 1.0 / 3.0, 0.0) * i as f32,
+                standard_error: Rgb::splat(1e-7),
+            })
+            .collect();
+        write(&path, &points).unwrap();
+        assert_eq!(read(&path).unwrap(), points);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing unfinished is left");
+    }
+
+    #[test]
+    fn columns_are_found_by_name() {
+        let text = "name,sb,sg,sr,b,g,r,nz,ny,nx,z,y,x\nA,12,11,10,9,8,7,0,1,0,3,2,1\n\n";
+        let point = parse(text).unwrap()[0];
+        assert_eq!((point.position, point.normal), (Vec3::new(1.0, 2.0, 3.0), Vec3::Y));
+        assert_eq!((point.irradiance.x, point.standard_error.z), (7.0, 12.0));
+    }
+
+    #[test]
+    fn faults_name_line_and_column() {
+        assert_eq!(fault(""), (1, LineFault::NoHeader));
+        assert_eq!(fault("x,y,z,nx,ny,nz,r,g,b\n"), (1, LineFault::ColumnMissing("sr")));
+        let good = "0,0,0,0,1,0,1,1,1,0,0,0\n";
+        let second = |line: &str| fault(&format!("{HEADER}{good}{line}"));
+        assert_eq!(second("0,0,0,0,1,0,1,1,1,0,0"), (3, LineFault::ValueMissing("sb")));
+        let not_finite = |column, text: &str| (3, LineFault::NotFinite { column, text: text.into() });
+        assert_eq!(second("0,0,0,0,1,0,1,NaN,1,0,0,0"), not_finite("g", "NaN"));
+        assert_eq!(second("0,inf,0,0,1,0,1,1,1,0,0,0"), not_finite("y", "inf"));
+        assert_eq!(second("0,,0,0,1,0,1,1,1,0,0,0"), not_finite("y", ""));
+        assert_eq!(second("0,0,0,0,1,0,1,1,-1,0,0,0"), (3, LineFault::Negative { column: "b", value: -1.0 }));
+        assert_eq!(second("0,0,0,0,2,0,1,1,1,0,0,0"), (3, LineFault::NormalNotUnit { length: 2.0 }));
+    }
+
+    #[test]
+    fn a_missing_file_is_named() {
+        let error = read(Path::new("no-such-points.csv")).unwrap_err().to_string();
+        assert!(error.starts_with("no-such-points.csv: "), "{error}");
+    }
+}

@@ -1,0 +1,90 @@
+//! Our tracer against two other renderers, on the shared scenes beside the project.
+//!
+//! A few seconds' worth of paths: enough to see a wrong factor, a missing bounce, a lamp counted twice,
+//! a texture read upside down. `examples/agreement.rs` runs the same comparison for as long as one likes.
+
+use earthshine_render::reference::{ReferenceOptions, irradiance_at_points};
+use earthshine_render::{LightErrors, PointEstimate, ReferencePoint, SceneTracer, compare_points, csv};
+use earthshine_scene::{ImportOptions, Scene, light_rig, load, load_lights, scenes_dir};
+use earthshine_world::{LightRig, Rgb};
+use std::path::PathBuf;
+
+/// The folder of shared scenes, or a printed reason why the test does nothing.
+fn folder() -> Option<PathBuf> {
+    let folder = scenes_dir();
+    if folder.is_none() {
+        println!("skipped: no ../shared/scenes and EARTHSHINE_SCENES names no folder");
+    }
+    folder
+}
+
+struct Compared {
+    errors: LightErrors,
+    /// Share of points within three combined standard errors plus 1 % (the other renderers' own disagreement).
+    within_noise: f64,
+}
+
+fn scene_and_light(folder: &std::path::Path, name: &str) -> (Scene, LightRig) {
+    let scene = load(&folder.join(format!("{name}.glb")), &ImportOptions::default()).expect("a scene");
+    let lights = folder.join(format!("{name}.lights.json"));
+    let lights = lights.is_file().then(|| load_lights(&lights).expect("lights"));
+    let rig = light_rig(&scene, lights.as_ref());
+    (scene, rig)
+}
+
+/// Traces `points` of the references once and compares with both renderers.
+fn assert_agrees(name: &str, points: usize, samples_max: u64, median_max: f64) {
+    let Some(folder) = folder() else { return };
+    let (scene, rig) = scene_and_light(&folder, name);
+    let references = ["mitsuba", "cycles"].map(|renderer| {
+        let mut points_read = csv::read(&folder.join(format!("{name}.{renderer}.csv"))).expect("a reference");
+        points_read.truncate(points);
+        points_read
+    });
+    let places: Vec<_> = references[0].iter().map(|point| (point.position, point.normal)).collect();
+    let options = ReferenceOptions { samples_max, target_error_rel: 0.0, ..ReferenceOptions::default() };
+    let found = irradiance_at_points(&SceneTracer::new(&scene), &rig, &places, &options, &|| ());
+    for reference in references {
+        let Compared { errors, within_noise } = compared(&found, &reference);
+        println!("{name}: {errors:?}, {within_noise} within noise");
+        assert_eq!(errors.uncovered, 0);
+        assert!(errors.bias.abs() < 0.01, "{name}: {errors:?}");
+        assert!(errors.median_rel < median_max, "{name}: {errors:?}");
+        assert_eq!(errors.beyond_factor_two, 0.0, "{name}: {errors:?}");
+        assert!(within_noise >= 0.97, "{name}: {within_noise} of the points within noise");
+    }
+}
+
+fn compared(found: &[PointEstimate], reference: &[ReferencePoint]) -> Compared {
+    let measured: Vec<Option<Rgb>> = found.iter().map(|point| Some(point.irradiance)).collect();
+    let agrees = |(ours, theirs): &(&PointEstimate, &ReferencePoint)| {
+        let spread = ours.standard_error.length().hypot(theirs.standard_error.length());
+        let difference = (ours.irradiance - theirs.irradiance).length();
+        difference <= 3.0 * spread + 0.01 * theirs.irradiance.length()
+    };
+    let agreeing = found.iter().zip(reference).filter(agrees).count();
+    Compared {
+        errors: compare_points(reference, &measured).expect("comparable light"),
+        within_noise: agreeing as f64 / found.len() as f64,
+    }
+}
+
+#[test]
+fn the_measured_cornell_box_agrees() {
+    assert_agrees("cornell", 91, 4096, 0.01);
+}
+
+#[test]
+fn rooms_with_small_emitters_agree() {
+    assert_agrees("office", 60, 4096, 0.03);
+}
+
+#[test]
+fn a_sunlit_atrium_agrees() {
+    assert_agrees("sponza", 60, 2048, 0.06);
+}
+
+#[test]
+fn a_textured_town_agrees() {
+    assert_agrees("kaykit_city", 69, 2048, 0.02);
+}

@@ -1,0 +1,133 @@
+//! Lamps: those of the glTF file and those of lights JSON.
+
+use crate::glb::Glb;
+use earthshine_scene::{SceneError, light_rig, load_lights, parse_lights};
+use earthshine_world::{Light, Rgb, Sky, Vec3};
+use serde_json::{Value, json};
+
+fn with_lights(lights: Value) -> Glb {
+    let mut glb = Glb::triangle();
+    glb.json["extensions"] = json!({"KHR_lights_punctual": {"lights": lights}});
+    glb.json["extensionsUsed"] = json!(["KHR_lights_punctual"]);
+    glb
+}
+
+fn at_node(light: usize) -> Value {
+    json!({"KHR_lights_punctual": {"light": light}})
+}
+
+#[test]
+fn punctual_lights_stand_in_the_world() {
+    let mut glb = with_lights(json!([
+        {"type": "directional", "color": [1.0, 0.5, 0.25], "intensity": 1000.0},
+        {"type": "point", "intensity": 40.0, "range": 9.0},
+        {"type": "spot", "intensity": 10.0, "spot": {"innerConeAngle": 0.1, "outerConeAngle": 0.3}},
+        {"type": "point", "intensity": 0.0},
+    ]));
+    // The parent turns -Z to -Y and doubles lengths; intensities are not scaled.
+    let quarter = std::f32::consts::FRAC_1_SQRT_2;
+    let parent = glb.node(json!({"rotation": [-quarter, 0, 0, quarter], "scale": [2, 2, 2]}));
+    let children: Vec<usize> = (0..4)
+        .map(|light| glb.push("nodes", json!({"translation": [1, 0, 0], "extensions": at_node(light)})))
+        .collect();
+    glb.json["nodes"][parent]["children"] = json!(children);
+    let scene = glb.scene();
+    let [sun, point, spot] = scene.lights[..] else { panic!("{:?}", scene.lights) };
+    let down = |direction: Vec3| (direction - Vec3::NEG_Y).length() < 1e-6;
+    assert!(matches!(sun, Light::Directional { direction, illuminance, .. }
+        if down(direction) && illuminance == Rgb::new(1000., 500., 250.)));
+    assert!(matches!(point, Light::Point { position, intensity, range_m: Some(range) }
+        if (position - Vec3::new(2., 0., 0.)).length() < 1e-6 && intensity == Rgb::splat(40.) && range == 9.0));
+    assert!(matches!(spot, Light::Spot { direction, inner_cone_rad, outer_cone_rad, .. }
+        if down(direction) && (inner_cone_rad, outer_cone_rad) == (0.1, 0.3)));
+    assert_eq!(scene.report.warnings, ["1 lights without intensity were left out"]);
+}
+
+#[test]
+fn impossible_punctual_lights_are_named() {
+    for (light, cause) in [
+        (json!({"type": "point", "name": "Lamp", "intensity": -1.0}), "intensity is negative"),
+        (json!({"type": "point", "name": "Lamp", "range": 0.0}), "range is not positive"),
+        (json!({"type": "spot", "name": "Lamp", "spot": {"outerConeAngle": 3.0}}), "cone angles"),
+        (json!({"type": "laser", "name": "Lamp"}), "none of directional, point and spot"),
+    ] {
+        let mut glb = with_lights(json!([light]));
+        glb.json["nodes"][0]["extensions"] = at_node(0);
+        let error = glb.error();
+        assert!(matches!(error, SceneError::BadLights { .. }), "{error}");
+        let text = error.to_string();
+        assert!(text.contains("light 0 `Lamp`") && text.contains(cause), "{text}");
+    }
+    let mut glb = with_lights(json!([]));
+    glb.json["nodes"][0]["extensions"] = at_node(7);
+    assert!(glb.error().to_string().contains("light 7: it is not there"));
+}
+
+#[test]
+fn lights_json_is_read_and_joined() {
+    let mut glb = with_lights(json!([{"type": "point"}]));
+    glb.json["nodes"][0]["extensions"] = at_node(0);
+    let scene = glb.scene();
+    let text = json!({
+        "sky": {"color": [3000, 4000, 6000]},
+        "lights": [
+            {"type": "directional", "direction": [0, -2, 0], "color": [1, 0.5, 0], "intensity": 100},
+            {"type": "point", "position": [1, 2, 3], "intensity": 5, "range": 7},
+            {"type": "spot", "position": [0, 3, 0], "direction": [0, -1, 0], "innerConeAngle": 0.2},
+            {"type": "point", "position": [0, 0, 0], "intensity": 0},
+        ],
+    });
+    let mut file = parse_lights(text.to_string().as_bytes(), "x.json").expect("good lights");
+    assert_eq!(file.sky, Sky::constant(Rgb::new(3000., 4000., 6000.)));
+    assert_eq!(
+        file.lights[0],
+        Light::Directional {
+            direction: Vec3::NEG_Y,
+            illuminance: Rgb::new(100., 50., 0.),
+            angular_diameter_rad: 0.0
+        }
+    );
+    assert_eq!(
+        file.lights[1],
+        Light::Point { position: Vec3::new(1., 2., 3.), intensity: Rgb::splat(5.), range_m: Some(7.) }
+    );
+    assert!(matches!(file.lights[2], Light::Spot { inner_cone_rad: 0.2, .. }));
+    assert_eq!(file.warnings, ["x.json: light 3 has no intensity and was left out"]);
+    assert_eq!(light_rig(&scene, Some(&file)).lights.len(), 4);
+    file.use_gltf_lights = false;
+    assert_eq!(light_rig(&scene, Some(&file)).lights, file.lights);
+    let own = light_rig(&scene, None);
+    assert_eq!((own.lights.len(), own.sky, own.emission_scale), (1, Sky::default(), 1.0));
+}
+
+#[test]
+fn bad_lights_json_names_the_entry_and_the_cause() {
+    let point = |key: &str, value: Value| {
+        let mut light = json!({"type": "point", "position": [0, 0, 0]});
+        light[key] = value;
+        json!({"lights": [{"type": "point", "position": [0, 0, 0]}, light]})
+    };
+    let cases = [
+        (json!({"lights": [{"type": "laser"}]}), "light 0", "unknown variant `laser`"),
+        (json!({"lights": [{"position": [0, 0, 0]}]}), "light 0", "missing field `type`"),
+        (json!({"lights": [{"type": "directional", "direction": [0, 0, 0]}]}), "light 0", "no length"),
+        (
+            json!({"lights": [{"type": "directional", "direction": [0, 1, 0], "position": [0, 0, 0]}]}),
+            "light 0",
+            "unknown field `position`",
+        ),
+        (point("intensity", json!(-2)), "light 1", "intensity is negative"),
+        (point("colour", json!([1, 1, 1])), "light 1", "unknown field `colour`"),
+        (point("range", json!(0)), "light 1", "range is not positive"),
+        (point("position", json!([0, 0])), "light 1", "invalid length 2"),
+        (json!({"sky": {"color": [1, -1, 1]}}), "sky", "negative"),
+        (json!({"skies": []}), "the file", "unknown field `skies`"),
+    ];
+    for (json, entry, cause) in cases {
+        let text = parse_lights(json.to_string().as_bytes(), "x.json").expect_err("bad lights").to_string();
+        assert!(text.starts_with(&format!("x.json: {entry}: ")) && text.contains(cause), "{text}");
+    }
+    assert!(parse_lights(b"{\"lights\": [", "x.json").expect_err("cut").to_string().contains("EOF"));
+    let missing = load_lights(std::path::Path::new("no such lights.json"));
+    assert!(matches!(missing, Err(SceneError::NotFound { .. })));
+}
