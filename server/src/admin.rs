@@ -32,7 +32,11 @@ pub(crate) struct Admin {
 }
 
 /// Serves until `stop`.
-pub(crate) async fn serve(listener: TcpListener, admin: Admin, stop: CancellationToken) -> std::io::Result<()> {
+pub(crate) async fn serve(
+    listener: TcpListener,
+    admin: Admin,
+    stop: CancellationToken,
+) -> std::io::Result<()> {
     let router = Router::new()
         .route("/metrics", get(metrics))
         .route("/health", get(health))

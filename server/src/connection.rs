@@ -73,7 +73,12 @@ pub(crate) struct Connection {
 }
 
 impl Connection {
-    fn new(stream: TcpStream, place: OwnedSemaphorePermit, greeting: Duration, metrics: Arc<Metrics>) -> Self {
+    fn new(
+        stream: TcpStream,
+        place: OwnedSemaphorePermit,
+        greeting: Duration,
+        metrics: Arc<Metrics>,
+    ) -> Self {
         metrics.connections.inc();
         Self { stream, metrics, greeting: Some((GREETING_BYTES, Box::pin(sleep(greeting)))), _place: place }
     }
@@ -106,7 +111,10 @@ impl AsyncRead for Connection {
                 this.greeting = None;
             } else if polled.is_pending() && deadline.as_mut().poll(cx).is_ready() {
                 this.metrics.connections_silent.inc();
-                return Poll::Ready(Err(io::Error::new(io::ErrorKind::TimedOut, "no HTTP/2 greeting in time")));
+                return Poll::Ready(Err(io::Error::new(
+                    io::ErrorKind::TimedOut,
+                    "no HTTP/2 greeting in time",
+                )));
             }
         }
         polled

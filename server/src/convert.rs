@@ -122,12 +122,19 @@ pub(crate) fn check_world(wanted: Option<&str>, served: &str) -> Result<(), Refu
 
 fn dims_wanted(volumes: &[v1::VolumeWanted]) -> Result<Option<UVec3>, Refusal> {
     if volumes.len() > VOLUMES_MAX {
-        return Err(Refusal::invalid(format!("{} volumes wanted, at most {VOLUMES_MAX} are possible", volumes.len())));
+        return Err(Refusal::invalid(format!(
+            "{} volumes wanted, at most {VOLUMES_MAX} are possible",
+            volumes.len()
+        )));
     }
     let mut finest = volumes.iter().filter(|wanted| wanted.level == 0);
     let Some(wanted) = finest.next() else {
         let nothing = volumes.is_empty();
-        return if nothing { Ok(None) } else { Err(Refusal::invalid("only level 0 is served: want a volume of it")) };
+        return if nothing {
+            Ok(None)
+        } else {
+            Err(Refusal::invalid("only level 0 is served: want a volume of it"))
+        };
     };
     if finest.next().is_some() {
         return Err(Refusal::invalid("two volumes of level 0 are wanted: one a level"));
@@ -162,7 +169,9 @@ fn light_rig(lights: &v1::Lights, lights_max: u32) -> Result<LightRig, Refusal> 
     }
     let numbered = lights.lights.iter().enumerate();
     let lamps = numbered.map(|(index, light)| {
-        lamp(light).ok_or_else(|| Refusal::invalid(format!("light {index}: it is of no kind that this server knows")))
+        lamp(light).ok_or_else(|| {
+            Refusal::invalid(format!("light {index}: it is of no kind that this server knows"))
+        })
     });
     let lobes = lights.sky.as_ref().map_or(&[][..], |sky| &sky.lobes);
     let lobes: [Rgb; 6] = match lobes.len() {
@@ -176,7 +185,11 @@ fn light_rig(lights: &v1::Lights, lights_max: u32) -> Result<LightRig, Refusal> 
         emission_scale: lights.emission_scale.unwrap_or(1.0),
     };
     rig.validate().map_err(|error| {
-        if error.index < rig.lights.len() { Refusal::invalid(error.to_string()) } else { Refusal::invalid(error.cause) }
+        if error.index < rig.lights.len() {
+            Refusal::invalid(error.to_string())
+        } else {
+            Refusal::invalid(error.cause)
+        }
     })?;
     Ok(rig)
 }

@@ -28,7 +28,9 @@ pub enum ServerError {
     #[error("cannot serve the world: {0}")]
     Index(#[source] earthshine_engine::EngineError),
     /// Somebody else listens there.
-    #[error("{address} is in use: stop the other process, or set `{key}` to another port (0 takes a free one)")]
+    #[error(
+        "{address} is in use: stop the other process, or set `{key}` to another port (0 takes a free one)"
+    )]
     AddressInUse {
         /// Which key of the configuration.
         key: &'static str,

@@ -51,8 +51,10 @@ impl Listener {
         stop: CancellationToken,
     ) -> Result<(), tonic::transport::Error> {
         let config = &self.shared.config;
-        let limits =
-            ConnectionLimits { connections_max: config.connections_max, greeting: seconds(config.hello_timeout_s) };
+        let limits = ConnectionLimits {
+            connections_max: config.connections_max,
+            greeting: seconds(config.hello_timeout_s),
+        };
         let connections = accept(listener, limits, Arc::clone(&self.shared.metrics), stop.clone());
         let connections: ReceiverStream<std::io::Result<Connection>> = ReceiverStream::new(connections);
         let health_service = tonic_health::pb::health_server::HealthServer::new(
@@ -91,7 +93,8 @@ impl Listener {
             return Err(Refusal::new(ErrorCode::Unauthorised, cause));
         }
         Arc::clone(&self.places).try_acquire_owned().map_err(|_full| {
-            let cause = format!("all {} sessions are taken (`engine.sessions_max`)", config.engine.sessions_max);
+            let cause =
+                format!("all {} sessions are taken (`engine.sessions_max`)", config.engine.sessions_max);
             Refusal::new(ErrorCode::Busy, cause)
         })
     }

@@ -6,10 +6,10 @@
 use crate::engine_thread::{EngineReport, SharedReport};
 use prometheus_client::collector::Collector;
 use prometheus_client::encoding::{DescriptorEncoder, EncodeMetric as _, text};
+use prometheus_client::metrics::MetricType;
 use prometheus_client::metrics::counter::{ConstCounter, Counter};
 use prometheus_client::metrics::gauge::{ConstGauge, Gauge};
 use prometheus_client::metrics::histogram::{Histogram, exponential_buckets};
-use prometheus_client::metrics::MetricType;
 use prometheus_client::registry::Registry;
 
 /// Everything that is counted. Cheap to touch from any thread.
@@ -85,7 +85,11 @@ impl Metrics {
 
     fn register(&mut self) {
         let counters = [
-            ("connections_silent", "Connections cut before they said anything sensible", &self.connections_silent),
+            (
+                "connections_silent",
+                "Connections cut before they said anything sensible",
+                &self.connections_silent,
+            ),
             ("received_bytes", "Bytes from clients", &self.received_bytes),
             ("sent_bytes", "Bytes to clients", &self.sent_bytes),
             ("sessions_opened", "Sessions welcomed", &self.sessions_opened),
@@ -133,7 +137,11 @@ impl Collector for EngineCollector {
         let counted = &stats.counters;
         let counters = [
             ("ticks", "Ticks", counted.ticks),
-            ("events_ignored", "Events that made no difference because they could not be", counted.ignored.total()),
+            (
+                "events_ignored",
+                "Events that made no difference because they could not be",
+                counted.ignored.total(),
+            ),
             ("tiles_requested", "Tiles asked for", counted.tiles_requested),
             ("tiles_cancelled", "Requests taken back", counted.tiles_cancelled),
             ("tiles_decoded", "Tiles taken", counted.tiles_decoded),
@@ -166,9 +174,21 @@ impl Collector for EngineCollector {
             ("chunks_leaving", "Chunks on their way out", f64::from(stats.chunks.leaving)),
             ("chunks_quarantined", "Chunks given up", f64::from(stats.chunks.quarantined)),
             ("held_bytes", "Memory of the tiles held", stats.decoded_bytes as f64),
-            ("resident_patches", "Patches that hold slots, all sessions", sum(|session| session.resident_patches)),
-            ("wanted_patches", "Patches that cameras want, all sessions", sum(|session| session.wanted_patches)),
-            ("stale_patches", "Patches with old direct light, all sessions", sum(|session| session.stale_direct)),
+            (
+                "resident_patches",
+                "Patches that hold slots, all sessions",
+                sum(|session| session.resident_patches),
+            ),
+            (
+                "wanted_patches",
+                "Patches that cameras want, all sessions",
+                sum(|session| session.wanted_patches),
+            ),
+            (
+                "stale_patches",
+                "Patches with old direct light, all sessions",
+                sum(|session| session.stale_direct),
+            ),
             ("matrix_drift_ratio", "Worst rounding of any local matrix", f64::from(stats.drift())),
             ("tile_requests", "Tiles asked for and not answered", self.0.tiles_pending as f64),
         ];

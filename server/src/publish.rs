@@ -164,7 +164,8 @@ impl DeltaStore {
         for axis in 0..3 {
             let off_centre = i64::from(wanted[axis]) - i64::from(origin[axis]) - i64::from(half[axis]);
             if !self.placed || off_centre.abs() > i64::from(self.snap) {
-                let corner = wanted[axis].saturating_sub(half[axis]).clamp(-Layout::ORIGIN_MAX, Layout::ORIGIN_MAX);
+                let corner =
+                    wanted[axis].saturating_sub(half[axis]).clamp(-Layout::ORIGIN_MAX, Layout::ORIGIN_MAX);
                 // Towards zero at the far ends, where rounding down would leave the range.
                 origin[axis] = (corner.div_euclid(self.snap) * self.snap).max(-Layout::ORIGIN_MAX);
             }
@@ -201,7 +202,8 @@ impl DeltaStore {
                 changed |= keep_without_patches(gone, &mut merged);
             }
             let before = held.next_if(|entry| entry.voxel == voxel);
-            let entry = before.filter(|entry| entry.codes == codes).unwrap_or(Entry { voxel, codes, changed: next });
+            let entry =
+                before.filter(|entry| entry.codes == codes).unwrap_or(Entry { voxel, codes, changed: next });
             changed |= entry.changed == next;
             merged.push(entry);
         }

@@ -2,6 +2,7 @@
 //!
 //! Start at [`Server::bind`]; [`run`] does both for those who need no addresses.
 
+use crate::ServerError;
 use crate::admin::{self, Admin};
 use crate::config::load::seconds;
 use crate::config::{BackendKind, Config};
@@ -11,9 +12,8 @@ use crate::metrics::Metrics;
 use crate::session::Shared;
 use crate::shutdown::Deadline;
 use crate::tile_loader::TileLoader;
-use crate::ServerError;
 use earthshine_engine::{BackendFactory, Engine};
-use earthshine_radiosity::{Backend, CpuBackend};
+use earthshine_radiosity::{Backend, BackendError, CpuBackend, Slot};
 use earthshine_tiles::{DirStore, TileStore};
 use earthshine_world::WorldIndex;
 use std::io::ErrorKind;
@@ -80,7 +80,17 @@ impl Server {
         let (listener, local_addr) = bind("listen", config.listen).await?;
         let (admin, admin_addr) = bind("admin_listen", config.admin_listen).await?;
         let world = world_name(&config.world);
-        Ok(Self { config, world, index, store: Arc::new(store), engine, listener, admin, local_addr, admin_addr })
+        Ok(Self {
+            config,
+            world,
+            index,
+            store: Arc::new(store),
+            engine,
+            listener,
+            admin,
+            local_addr,
+            admin_addr,
+        })
     }
 
     /// Where clients connect.
@@ -161,7 +171,11 @@ impl Server {
 
         let draining = Arc::new(AtomicBool::new(false));
         let [sessions_stop, transport_stop, admin_stop] = std::array::from_fn(|_| CancellationToken::new());
-        let admin = Admin { metrics: Arc::clone(&metrics), report: Arc::clone(&report), draining: Arc::clone(&draining) };
+        let admin = Admin {
+            metrics: Arc::clone(&metrics),
+            report: Arc::clone(&report),
+            draining: Arc::clone(&draining),
+        };
         let admin = tokio::spawn(admin::serve(self.admin, admin, admin_stop.clone()));
         let limit = seconds(config.drain_timeout_s);
         let shared = Shared {
@@ -242,10 +256,25 @@ fn engine_failure(cause: Option<String>) -> ServerError {
     ServerError::Engine { cause: cause.unwrap_or_else(|| "its thread ended without a word".to_owned()) }
 }
 
+/// Builds what computes; as many slots as asked for, or fewer if there is no memory for them.
 fn backends(kind: BackendKind) -> BackendFactory {
     // `Config::validate` has refused what this build does not have.
-    let BackendKind::Cpu | BackendKind::Gpu = kind;
-    Box::new(|capacity| Ok(Box::new(CpuBackend::new(capacity)?) as Box<dyn Backend>))
+    debug_assert_eq!(kind, BackendKind::Cpu);
+    Box::new(|wanted| {
+        let mut capacity = wanted;
+        loop {
+            match CpuBackend::new(capacity) {
+                Ok(backend) => return Ok(Box::new(backend) as Box<dyn Backend>),
+                Err(cause) => {
+                    tracing::warn!(%cause, capacity, "a local matrix was refused");
+                    capacity /= 2;
+                    if capacity == 0 {
+                        return Err(BackendError::SlotOutside(Slot(wanted), 0));
+                    }
+                }
+            }
+        }
+    })
 }
 
 async fn bind(key: &'static str, address: SocketAddr) -> Result<(TcpListener, SocketAddr), ServerError> {

@@ -84,7 +84,9 @@ pub(crate) async fn run(
         }
         End::Refused(refusal) => refusal,
         // Bytes that are no message, or too many; what the transport says names the limit.
-        End::Broken(status) if matches!(status.code(), Code::OutOfRange | Code::Internal | Code::InvalidArgument) => {
+        End::Broken(status)
+            if matches!(status.code(), Code::OutOfRange | Code::Internal | Code::InvalidArgument) =>
+        {
             shared.metrics.messages_ignored.inc();
             Refusal::new(ErrorCode::Invalid, format!("a message could not be read: {}", status.message()))
         }

@@ -77,7 +77,8 @@ mod tests {
     async fn stages_share_one_deadline() {
         let deadline = Deadline::after(Duration::from_millis(40));
         deadline.wait("sessions", tokio::time::sleep(Duration::from_millis(1))).await.unwrap();
-        let thread = std::thread::Builder::new().spawn(|| std::thread::sleep(Duration::from_millis(300))).unwrap();
+        let thread =
+            std::thread::Builder::new().spawn(|| std::thread::sleep(Duration::from_millis(300))).unwrap();
         let error = deadline.join("the engine", thread).await.unwrap_err();
         assert_eq!(error.exit_code(), 6);
         assert!(error.to_string().contains("the engine did not end within 40ms"), "{error}");

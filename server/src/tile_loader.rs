@@ -221,7 +221,9 @@ mod tests {
             self.gate.lock().unwrap().recv().unwrap();
             assert_ne!(id.coord.x, -1, "this chunk panics");
             if id.coord.x == -2 {
-                return Err(earthshine_tiles::decode_bytes(&[], std::path::Path::new("empty.tile")).unwrap_err());
+                return Err(
+                    earthshine_tiles::decode_bytes(&[], std::path::Path::new("empty.tile")).unwrap_err()
+                );
             }
             let rows = ChunkRows { row_starts: vec![0], ..ChunkRows::default() };
             Ok(Chunk { id, patches: vec![], points: vec![], rows, occluders: OccluderMesh::default() })
@@ -232,7 +234,11 @@ mod tests {
         ChunkId::new(0, earthshine_world::ChunkCoord::new(x, 0, 0))
     }
 
-    fn pool(threads: u32, requests_max: u32, answers_max: usize) -> (TileLoader, SyncSender<()>, Receiver<Event>) {
+    fn pool(
+        threads: u32,
+        requests_max: u32,
+        answers_max: usize,
+    ) -> (TileLoader, SyncSender<()>, Receiver<Event>) {
         let (open, gate) = sync_channel(64);
         let (answers, received) = sync_channel(answers_max);
         let store: Arc<dyn TileStore> = Arc::new(GatedStore { gate: Mutex::new(gate) });
@@ -255,7 +261,8 @@ mod tests {
             assert!(loader.requests.request(chunk(x)));
             open.send(()).unwrap();
         }
-        let got: Vec<_> = (0..5).map(|_| id_of(&answers.recv_timeout(Duration::from_secs(5)).unwrap())).collect();
+        let got: Vec<_> =
+            (0..5).map(|_| id_of(&answers.recv_timeout(Duration::from_secs(5)).unwrap())).collect();
         assert_eq!(got, [(3, true), (-1, false), (1, true), (-2, false), (2, true)]);
         loader.requests.stop();
         loader.threads.into_iter().for_each(|thread| thread.join().unwrap());
@@ -276,7 +283,8 @@ mod tests {
         for _ in 0..3 {
             open.send(()).unwrap();
         }
-        let got: Vec<_> = (0..2).map(|_| id_of(&answers.recv_timeout(Duration::from_secs(5)).unwrap()).0).collect();
+        let got: Vec<_> =
+            (0..2).map(|_| id_of(&answers.recv_timeout(Duration::from_secs(5)).unwrap()).0).collect();
         assert_eq!(got, [3, 1]);
         assert_eq!(loader.requests.pending(), 0);
         loader.requests.stop();
@@ -292,7 +300,8 @@ mod tests {
         }
         std::thread::sleep(Duration::from_millis(30));
         assert!(loader.requests.pending() >= 2, "one answered, one waiting to be");
-        let got: Vec<_> = (0..4).map(|_| id_of(&answers.recv_timeout(Duration::from_secs(5)).unwrap()).0).collect();
+        let got: Vec<_> =
+            (0..4).map(|_| id_of(&answers.recv_timeout(Duration::from_secs(5)).unwrap()).0).collect();
         assert_eq!(got, [0, 1, 2, 3]);
         loader.requests.stop();
         drop(answers);

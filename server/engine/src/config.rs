@@ -57,6 +57,10 @@ pub struct EngineConfig {
     /// - Higher: moving lights are followed closely; longer ticks.
     /// - Lower: shorter ticks; direct light is older (counted as stale in each frame).
     pub shadow_points_per_tick_max: u32,
+    /// Delta lights of a session, at least 1. Lights with more are ignored and counted.
+    ///
+    /// Direct light costs shadow rays in proportion: with more lights it is older.
+    pub lights_max: u32,
     /// Wait before a failed tile or backend is tried again, s; it doubles with every failure of the same tile.
     pub retry_after_s: f64,
     /// Failures of a tile that are tried again; one more and its chunk is quarantined until the server restarts.
@@ -80,9 +84,10 @@ impl Default for EngineConfig {
             load_radius_m: 48.0,
             hysteresis: 0.1,
             look_ahead_s: 0.25,
-            adds_per_tick_max: 64,
-            removals_per_tick_max: 64,
+            adds_per_tick_max: 32,
+            removals_per_tick_max: 32,
             shadow_points_per_tick_max: 32_768,
+            lights_max: 256,
             retry_after_s: 1.0,
             retries_max: 3,
             drift_probe_every_swaps: 1000,
@@ -142,6 +147,7 @@ impl EngineConfig {
         count("adds_per_tick_max", self.adds_per_tick_max, u32::MAX, at_least_one)?;
         count("removals_per_tick_max", self.removals_per_tick_max, u32::MAX, at_least_one)?;
         count("shadow_points_per_tick_max", self.shadow_points_per_tick_max, u32::MAX, at_least_one)?;
+        count("lights_max", self.lights_max, u32::MAX, at_least_one)?;
         count("drift_probe_every_swaps", self.drift_probe_every_swaps, u32::MAX, at_least_one)?;
         if self.decoded_bytes_max == 0 {
             return Err(ConfigError { key: "decoded_bytes_max", value: "0".to_owned(), cause: at_least_one });
@@ -180,7 +186,8 @@ mod tests {
 
     #[test]
     fn each_impossible_value_is_refused_by_name() {
-        let cases: [(&str, fn(&mut EngineConfig)); 14] = [
+        type Spoil = fn(&mut EngineConfig);
+        let cases: [(&str, Spoil); 15] = [
             ("resident_patches_max", |c| c.resident_patches_max = 0),
             ("resident_patches_max", |c| c.resident_patches_max = 20_000),
             ("sessions_max", |c| c.sessions_max = 0),
@@ -192,6 +199,7 @@ mod tests {
             ("adds_per_tick_max", |c| c.adds_per_tick_max = 0),
             ("removals_per_tick_max", |c| c.removals_per_tick_max = 0),
             ("shadow_points_per_tick_max", |c| c.shadow_points_per_tick_max = 0),
+            ("lights_max", |c| c.lights_max = 0),
             ("retry_after_s", |c| c.retry_after_s = -1.0),
             ("drift_probe_every_swaps", |c| c.drift_probe_every_swaps = 0),
             ("drift_max", |c| c.drift_max = 0.0),

@@ -146,10 +146,7 @@ impl Engine {
             Event::SessionOpened { session } => self.open(session),
             Event::SessionClosed { session } => self.close(session),
             Event::Camera { session, camera } => self.take_camera(session, &camera),
-            Event::Lights { session, lights } => match self.sessions.get_mut(&session) {
-                Some(session) if lights.validate().is_ok() => session.set_lights(lights),
-                _ => self.counters.ignored.lights += 1,
-            },
+            Event::Lights { session, lights } => self.take_lights(session, lights),
             Event::TileDecoded { chunk, occluders } => self.take_tile(chunk, occluders),
             Event::TileFailed { chunk, cause } => {
                 if self.chunks.awaits(chunk) {
@@ -186,6 +183,14 @@ impl Engine {
                 self.are_wants_old |= session.set_camera(camera, &self.config);
             }
             _ => self.counters.ignored.cameras += 1,
+        }
+    }
+
+    fn take_lights(&mut self, id: SessionId, lights: LightRig) {
+        let is_sound = lights.lights.len() <= self.config.lights_max as usize && lights.validate().is_ok();
+        match self.sessions.get_mut(&id) {
+            Some(session) if is_sound => session.set_lights(lights),
+            _ => self.counters.ignored.lights += 1,
         }
     }
 

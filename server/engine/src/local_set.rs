@@ -4,7 +4,7 @@
 //! columns by reciprocity `F[i, new] = A_new F[new, i] / A_i`: rows on disk are reciprocal.
 
 use crate::relight::SlotLight;
-use crate::slots::{FREE, SlotTable, split_row, visit_row};
+use crate::slots::{FREE, SlotTable, segment_slots, split_row, visit_row};
 use earthshine_radiosity::{Backend, BackendError, Slot, Update};
 use earthshine_world::{Chunk, ChunkId, Patch, PatchId, Rgb, RowParts};
 use std::collections::{BTreeMap, BTreeSet};
@@ -29,7 +29,7 @@ pub(crate) struct LocalSet {
     tables: BTreeMap<ChunkId, SlotTable>,
     refused: BTreeSet<PatchId>,
     /// Slots whose row parts may have changed.
-    touched: BTreeSet<u32>,
+    touched: Vec<bool>,
     /// Slots in the order of frames; rebuilt when patches have come or gone.
     order: Vec<u32>,
     is_order_old: bool,
@@ -65,7 +65,7 @@ impl LocalSet {
             free: (0..capacity).collect(),
             tables: BTreeMap::new(),
             refused: BTreeSet::new(),
-            touched: BTreeSet::new(),
+            touched: vec![false; capacity as usize],
             order: Vec::new(),
             is_order_old: false,
             needs_step: false,
@@ -142,7 +142,8 @@ impl LocalSet {
     /// How the row of the patch in `slot` splits, computed afresh.
     pub(crate) fn parts_of(&self, slot: u32) -> RowParts {
         let id = self.resident(slot).id;
-        split_row(&self.tables, self.chunk_of(id), usize::from(id.local))
+        let chunk = self.chunk_of(id);
+        split_row(&segment_slots(&self.tables, chunk), chunk, usize::from(id.local))
     }
 
     /// Slots in the order of frames: ascending by voxel (x, y, z), then direction.
@@ -222,9 +223,14 @@ impl LocalSet {
 
     /// Brings the row parts of all slots up to date whose neighbours came or went.
     pub(crate) fn refresh_parts(&mut self) {
-        for slot in std::mem::take(&mut self.touched) {
-            if self.residents[slot as usize].is_some() {
-                self.resident_mut(slot).parts = self.parts_of(slot);
+        for table in self.tables.values() {
+            let mut segments = None;
+            for (local, slot) in table.taken_slots() {
+                if std::mem::take(&mut self.touched[slot as usize]) {
+                    let segments = segments.get_or_insert_with(|| segment_slots(&self.tables, &table.chunk));
+                    let resident = self.residents[slot as usize].as_mut().expect("a table names taken slots");
+                    resident.parts = split_row(segments, &table.chunk, local);
+                }
             }
         }
     }
@@ -258,9 +264,9 @@ impl LocalSet {
         if table.is_empty() {
             self.tables.remove(&resident.id.chunk);
         }
-        visit_row(&self.tables, &chunk, local, |neighbour, _| {
+        visit_row(&segment_slots(&self.tables, &chunk), &chunk, local, |neighbour, _| {
             if neighbour != FREE {
-                self.touched.insert(neighbour);
+                self.touched[neighbour as usize] = true;
             }
         });
         self.free.insert(slot);
@@ -272,8 +278,8 @@ impl LocalSet {
         let Resident { id, patch, .. } = *self.resident(slot);
         let chunk = Arc::clone(self.chunk_of(id));
         let (mut row, mut column) = (Vec::new(), Vec::new());
-        self.touched.insert(slot);
-        visit_row(&self.tables, &chunk, usize::from(id.local), |neighbour, share| {
+        self.touched[slot as usize] = true;
+        visit_row(&segment_slots(&self.tables, &chunk), &chunk, usize::from(id.local), |neighbour, share| {
             if neighbour == FREE || share == 0.0 {
                 return;
             }
@@ -282,7 +288,7 @@ impl LocalSet {
                 let other = self.residents[neighbour as usize].as_ref().expect("a table names taken slots");
                 // Rounding on disk may carry the share of a tiny patch past one.
                 column.push((Slot(neighbour), (share * patch.area / other.patch.area).min(1.0)));
-                self.touched.insert(neighbour);
+                self.touched[neighbour as usize] = true;
             }
         });
         let reflectance = patch.reflectance.min(Rgb::splat(Patch::REFLECTANCE_MAX));

@@ -37,6 +37,11 @@ impl SlotTable {
         self.slots.get(local).copied().filter(|&slot| slot != FREE)
     }
 
+    /// Places of the patches that hold slots, and the slots.
+    pub(crate) fn taken_slots(&self) -> impl Iterator<Item = (usize, u32)> {
+        self.slots.iter().copied().enumerate().filter(|&(_, slot)| slot != FREE)
+    }
+
     /// Patches that hold slots, ascending.
     pub(crate) fn patches(&self) -> impl Iterator<Item = PatchId> {
         (0u16..=u16::MAX)
@@ -58,26 +63,24 @@ impl SlotTable {
     }
 }
 
+/// The slots of every segment that `chunk`'s columns point into: looked up once for many rows.
+pub(crate) fn segment_slots<'a>(tables: &'a BTreeMap<ChunkId, SlotTable>, chunk: &Chunk) -> Vec<&'a [u32]> {
+    chunk.rows.segments.iter().map(|id| tables.get(id).map_or(&[][..], |table| &table.slots)).collect()
+}
+
 /// Calls `visit` with the slot (or [`FREE`]) and the share of every entry of row `local` of `chunk`.
-pub(crate) fn visit_row(
-    tables: &BTreeMap<ChunkId, SlotTable>,
-    chunk: &Chunk,
-    local: usize,
-    mut visit: impl FnMut(u32, f32),
-) {
-    let slots: Vec<&[u32]> =
-        chunk.rows.segments.iter().map(|id| tables.get(id).map_or(&[][..], |table| &table.slots)).collect();
+pub(crate) fn visit_row(segments: &[&[u32]], chunk: &Chunk, local: usize, mut visit: impl FnMut(u32, f32)) {
     for (column, share) in chunk.rows.row(local) {
-        let slot = slots[usize::from(column.segment)].get(usize::from(column.local)).copied().unwrap_or(FREE);
-        visit(slot, share);
+        let slots = segments[usize::from(column.segment)];
+        visit(slots.get(usize::from(column.local)).copied().unwrap_or(FREE), share);
     }
 }
 
 /// How row `local` of `chunk` splits over the slots taken now. What is not resident is far, and never the sky's.
-pub(crate) fn split_row(tables: &BTreeMap<ChunkId, SlotTable>, chunk: &Chunk, local: usize) -> RowParts {
+pub(crate) fn split_row(segments: &[&[u32]], chunk: &Chunk, local: usize) -> RowParts {
     // Shares come from f16 or f32: their sums in f64 do not depend on the order.
     let (mut resident, mut far) = (0.0f64, 0.0f64);
-    visit_row(tables, chunk, local, |slot, share| {
+    visit_row(segments, chunk, local, |slot, share| {
         *(if slot == FREE { &mut far } else { &mut resident }) += f64::from(share);
     });
     let sky: f64 = chunk.rows.sky_shares[local].iter().map(|&share| f64::from(share)).sum();

@@ -10,7 +10,7 @@ pub struct IgnoredEvents {
     pub sessions: u64,
     /// Cameras that are not finite, too far out, or of nobody.
     pub cameras: u64,
-    /// Lights that cannot be, or of nobody.
+    /// Lights that cannot be, are too many, or of nobody.
     pub lights: u64,
     /// Tiles, or failures of tiles, that were not asked for.
     pub tiles: u64,

@@ -115,7 +115,8 @@ mod tests {
     #[test]
     fn each_broken_table_is_refused() {
         assert_eq!(check(|_| ()), Ok(()));
-        let cases: [(TileFault, fn(&mut Chunk)); 14] = [
+        type Spoil = fn(&mut Chunk);
+        let cases: [(TileFault, Spoil); 14] = [
             (TileFault::Lengths, |c| c.rows.absorbed_shares.truncate(1)),
             (TileFault::Lengths, |c| c.rows.shares.truncate(1)),
             (TileFault::Lengths, |c| c.rows.row_starts[1] = u32::MAX),

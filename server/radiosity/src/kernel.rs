@@ -16,6 +16,12 @@ use crate::simd::{InstructionSet, Lanes, Portable};
 /// Rows are padded to a multiple of this, so that no kernel has a tail.
 pub(crate) const ROW_GROUP: usize = 8;
 
+/// Most rows of a [`RankUpdate`]'s right factor.
+const DEPTH_MAX: usize = 32;
+
+/// Tiles between what is computed and what is fetched from memory meanwhile.
+const AHEAD: usize = 2;
+
 /// Products summed in `f32` before they go to the next, longer-lived sum.
 const SEGMENT: usize = 128;
 
@@ -66,18 +72,17 @@ macro_rules! scalar {
 scalar!(f32);
 scalar!(f64);
 
-/// `sum[r] += coefficients[r][at] * panel` over all steps `(at, panel)`: the loop all time goes to.
+/// `sum[r] += coefficients[r] * panel` over all steps `(coefficients, panel)`: the loop all time goes to.
 #[inline(always)]
 fn accumulate<'a, T: Scalar, S: Lanes<T>, const R: usize, const N: usize>(
     simd: S,
-    coefficients: &[&[T]; R],
-    steps: impl Iterator<Item = (usize, &'a [T])>,
+    steps: impl Iterator<Item = ([T; R], &'a [T])>,
     sum: &mut [[S::Vector; N]; R],
 ) {
-    for (at, panel) in steps {
+    for (coefficients, panel) in steps {
         let panel: [S::Vector; N] = std::array::from_fn(|n| simd.load(&panel[n * S::WIDTH..]));
-        for (row, sum) in coefficients.iter().zip(sum.iter_mut()) {
-            let coefficient = simd.splat(row[at]);
+        for (&coefficient, sum) in coefficients.iter().zip(sum.iter_mut()) {
+            let coefficient = simd.splat(coefficient);
             for (lanes, sum) in panel.iter().zip(sum.iter_mut()) {
                 *sum = simd.multiply_add(coefficient, *lanes, *sum);
             }
@@ -103,7 +108,7 @@ pub(crate) struct RankUpdate<'a, T> {
     pub(crate) coefficients: &'a [T],
     /// Distance of the rows of `coefficients`.
     pub(crate) coefficient_stride: usize,
-    /// Rows of `P`.
+    /// Rows of `P`, at most 32.
     pub(crate) depth: usize,
     /// Tiles of `P`: row after row of one tile, then the next tile.
     pub(crate) panels: &'a [T],
@@ -116,18 +121,23 @@ impl<T: Scalar> Kernel<T> for RankUpdate<'_, T> {
     fn run<S: Lanes<T>, const R: usize, const N: usize>(self, simd: S) {
         let groups = self.out.chunks_exact_mut(R * self.stride);
         let coefficients = self.coefficients.chunks_exact(R * self.coefficient_stride);
+        let mut packed = [[T::default(); R]; DEPTH_MAX];
         for (out, coefficients) in groups.zip(coefficients) {
             let coefficients = rows_of::<T, R>(coefficients, self.coefficient_stride, self.depth);
+            for (k, packed) in packed[..self.depth].iter_mut().enumerate() {
+                *packed = coefficients.map(|row| row[k]);
+            }
             for (tile, panel) in self.panels.chunks_exact(self.panel_stride).enumerate() {
                 for part in (0..T::TILE).step_by(N * S::WIDTH) {
                     let column = self.first_column + tile * T::TILE + part;
                     let mut sum: [[S::Vector; N]; R] = std::array::from_fn(|r| {
                         let row = &out[r * self.stride + column..];
+                        simd.prefetch(row, AHEAD * T::TILE);
+                        simd.prefetch(row, AHEAD * T::TILE + T::TILE / 2);
                         std::array::from_fn(|n| simd.load(&row[n * S::WIDTH..]))
                     });
-                    let steps = panel.chunks_exact(T::TILE).take(self.depth);
-                    let steps = steps.map(|row| &row[part..]).enumerate();
-                    accumulate(simd, &coefficients, steps, &mut sum);
+                    let panel = panel.chunks_exact(T::TILE).map(|row| &row[part..]);
+                    accumulate(simd, packed[..self.depth].iter().copied().zip(panel), &mut sum);
                     for (r, sum) in sum.iter().enumerate() {
                         let row = &mut out[r * self.stride + column..];
                         for (n, &sum) in sum.iter().enumerate() {
@@ -166,8 +176,8 @@ impl<T: Scalar> Kernel<T> for GatherColumns<'_, T> {
                 for (columns, panel) in self.columns.chunks(SEGMENT).zip(self.panel.chunks(SEGMENT * T::TILE)) {
                     let mut sum = zero;
                     let steps = columns.iter().zip(panel.chunks_exact(T::TILE));
-                    let steps = steps.map(|(&column, row)| (column as usize, &row[part..]));
-                    accumulate(simd, &matrix, steps, &mut sum);
+                    let steps = steps.map(|(&column, row)| (matrix.map(|row| row[column as usize]), &row[part..]));
+                    accumulate(simd, steps, &mut sum);
                     for (total, sum) in total.as_flattened_mut().iter_mut().zip(sum.as_flattened()) {
                         *total = simd.add(*total, *sum);
                     }
@@ -201,7 +211,7 @@ pub(crate) struct ScatterRows<'a, T> {
 }
 
 /// Rows of `M` that stay in the nearest cache while all of `Y` goes over them.
-const SCATTER_ROWS: usize = 64;
+const SCATTER_ROWS: usize = 16;
 
 impl<T: Scalar> Kernel<T> for ScatterRows<'_, T> {
     #[inline(always)]
@@ -217,8 +227,15 @@ impl<T: Scalar> Kernel<T> for ScatterRows<'_, T> {
                     for part in (0..T::TILE).step_by(N * S::WIDTH) {
                         let column = self.first_column + tile * T::TILE + part;
                         let mut sum = [[simd.splat(T::default()); N]; R];
-                        let steps = rows.iter().map(|&row| &self.matrix[row as usize * self.stride + column..]);
-                        accumulate(simd, &coefficients, steps.enumerate(), &mut sum);
+                        let steps = rows.iter().enumerate().map(|(k, &row)| {
+                            let row = &self.matrix[row as usize * self.stride + column..];
+                            if group == 0 {
+                                simd.prefetch(row, AHEAD * T::TILE);
+                                simd.prefetch(row, AHEAD * T::TILE + T::TILE / 2);
+                            }
+                            (coefficients.map(|row| row[k]), row)
+                        });
+                        accumulate(simd, steps, &mut sum);
                         for (out, sum) in out.chunks_exact_mut(T::TILE).zip(&sum) {
                             for (n, &sum) in sum.iter().enumerate() {
                                 let out = &mut out[part + n * S::WIDTH..];

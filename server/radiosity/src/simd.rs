@@ -19,6 +19,8 @@ pub(crate) trait Lanes<T: Copy>: Copy {
     fn store(self, vector: Self::Vector, to: &mut [T]);
     /// `a * b + c`.
     fn multiply_add(self, a: Self::Vector, b: Self::Vector, c: Self::Vector) -> Self::Vector;
+    /// Asks for the cache line of `from[at]`, which need not exist.
+    fn prefetch(self, from: &[T], at: usize);
     /// `a + b`.
     fn add(self, a: Self::Vector, b: Self::Vector) -> Self::Vector;
 }
@@ -50,6 +52,8 @@ macro_rules! portable {
             fn multiply_add(self, a: Self::Vector, b: Self::Vector, c: Self::Vector) -> Self::Vector {
                 std::array::from_fn(|lane| a[lane] * b[lane] + c[lane])
             }
+            #[inline(always)]
+            fn prefetch(self, _from: &[$scalar], _at: usize) {}
             #[inline(always)]
             fn add(self, a: Self::Vector, b: Self::Vector) -> Self::Vector {
                 std::array::from_fn(|lane| a[lane] + b[lane])
@@ -99,6 +103,12 @@ macro_rules! x86 {
             fn multiply_add(self, a: Self::Vector, b: Self::Vector, c: Self::Vector) -> Self::Vector {
                 // SAFETY: `self` exists, so the processor has this instruction set.
                 unsafe { std::arch::x86_64::$fma(a, b, c) }
+            }
+            #[inline(always)]
+            fn prefetch(self, from: &[$scalar], at: usize) {
+                use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+                // SAFETY: a prefetch is a hint: it reads nothing and cannot fault, whatever the address.
+                unsafe { _mm_prefetch::<_MM_HINT_T0>(from.as_ptr().wrapping_add(at).cast()) }
             }
             #[inline(always)]
             fn add(self, a: Self::Vector, b: Self::Vector) -> Self::Vector {

@@ -92,7 +92,8 @@ fn with_settings(text: &str, path: &Path, settings: &[String]) -> Result<Config,
         let (key, value) = setting.split_once('=').ok_or_else(|| fault("expected KEY=VALUE".to_owned()))?;
         insert(&mut table, key.trim(), parse_value(value.trim())).map_err(fault)?;
         // One at a time, so that the message names the setting at fault.
-        let _: Config = table.clone().try_into().map_err(|error: toml::de::Error| fault(error.message().to_owned()))?;
+        let _: Config =
+            table.clone().try_into().map_err(|error: toml::de::Error| fault(error.message().to_owned()))?;
     }
     table.try_into().map_err(|error: toml::de::Error| ConfigError::Set {
         setting: settings.join(" "),
@@ -103,7 +104,9 @@ fn with_settings(text: &str, path: &Path, settings: &[String]) -> Result<Config,
 /// `value` as TOML, or as a plain string where it is none: `--set world=town` needs no quotes.
 fn parse_value(value: &str) -> toml::Value {
     let as_toml = toml::from_str::<toml::Table>(&format!("value = {value}")).ok();
-    as_toml.and_then(|mut table| table.remove("value")).unwrap_or_else(|| toml::Value::String(value.to_owned()))
+    as_toml
+        .and_then(|mut table| table.remove("value"))
+        .unwrap_or_else(|| toml::Value::String(value.to_owned()))
 }
 
 fn insert(table: &mut toml::Table, key: &str, value: toml::Value) -> Result<(), String> {
@@ -132,7 +135,11 @@ mod tests {
         let arguments = ServeArgs {
             config: Some(path),
             sessions_max: Some(7),
-            set: vec!["engine.sessions_max=6".to_owned(), "loader_threads=4".to_owned(), "world=town".to_owned()],
+            set: vec![
+                "engine.sessions_max=6".to_owned(),
+                "loader_threads=4".to_owned(),
+                "world=town".to_owned(),
+            ],
             ..ServeArgs::default()
         };
         let config = arguments.resolve().unwrap();

@@ -90,10 +90,15 @@ impl Config {
     /// [`ConfigError::Value`] for the first that does not.
     pub fn validate(&self) -> Result<(), ConfigError> {
         if self.backend == BackendKind::Gpu {
-            return Err(refuse("backend", "gpu", "this build computes on the CPU only; use backend = \"cpu\""));
+            return Err(refuse(
+                "backend",
+                "gpu",
+                "this build computes on the CPU only; use backend = \"cpu\"",
+            ));
         }
         if let Some(tls) = &self.tls {
-            let requirement = "this build speaks plain HTTP/2; remove [tls] and put a TLS proxy in front of `listen`";
+            let requirement =
+                "this build speaks plain HTTP/2; remove [tls] and put a TLS proxy in front of `listen`";
             return Err(refuse("tls.cert", tls.cert.display(), requirement));
         }
         self.engine.validate()?;
@@ -118,14 +123,19 @@ impl Config {
         }
         // Every session needs its connection, and health checks need some besides.
         if self.connections_max <= self.engine.sessions_max {
-            return Err(refuse("connections_max", self.connections_max, "must be more than engine.sessions_max"));
+            return Err(refuse(
+                "connections_max",
+                self.connections_max,
+                "must be more than engine.sessions_max",
+            ));
         }
         let [least, edges] = [self.volume_snap_voxels * 2, VOLUME_EDGE_MAX];
         let voxels = self.volume_dims_max.iter().map(|&edge| u64::from(edge)).product::<u64>();
         let fits = self.volume_dims_max.iter().all(|&edge| (least..=edges).contains(&edge));
         if !fits || voxels > u64::from(VOLUME_VOXELS_MAX) {
             let value = format!("{:?}", self.volume_dims_max);
-            let requirement = "each edge must be twice volume_snap_voxels to 512 voxels, the whole at most 2^21";
+            let requirement =
+                "each edge must be twice volume_snap_voxels to 512 voxels, the whole at most 2^21";
             return Err(refuse("volume_dims_max", value, requirement));
         }
         Ok(())

@@ -22,9 +22,12 @@ fn refused_lights(lights: v1::Lights) -> String {
 
 #[test]
 fn a_wrong_version_is_refused_with_both_named() {
-    let refusal = refused_hello(|hello| (hello.protocol_min, hello.protocol_max) = (PROTOCOL_MAX + 6, PROTOCOL_MAX + 8));
+    let refusal = refused_hello(|hello| {
+        (hello.protocol_min, hello.protocol_max) = (PROTOCOL_MAX + 6, PROTOCOL_MAX + 8)
+    });
     assert_eq!(refusal.code, ErrorCode::Version);
-    let both = format!("{} to {}, this server {PROTOCOL_MIN} to {PROTOCOL_MAX}", PROTOCOL_MAX + 6, PROTOCOL_MAX + 8);
+    let both =
+        format!("{} to {}, this server {PROTOCOL_MIN} to {PROTOCOL_MAX}", PROTOCOL_MAX + 6, PROTOCOL_MAX + 8);
     assert!(refusal.cause.contains(&both), "{}", refusal.cause);
 }
 
@@ -38,10 +41,13 @@ fn hellos_that_cannot_be_are_named() {
         refused_hello(|hello| hello.client_name = "x".repeat(TEXT_BYTES_MAX + 1)).cause,
         refused_hello(|hello| hello.volumes = vec![v1::VolumeWanted::default(); VOLUMES_MAX + 1]).cause,
         decode(Message::Hello(v1::Hello { volumes: vec![wanted(3, 4)], ..hello() })).unwrap_err().cause,
-        decode(Message::Hello(v1::Hello { volumes: vec![wanted(0, 4), wanted(0, 4)], ..hello() })).unwrap_err().cause,
+        decode(Message::Hello(v1::Hello { volumes: vec![wanted(0, 4), wanted(0, 4)], ..hello() }))
+            .unwrap_err()
+            .cause,
         decode(Message::Hello(v1::Hello { volumes: vec![wanted(0, 0)], ..hello() })).unwrap_err().cause,
     ];
-    for (fault, words) in faults.iter().zip(["name is longer", "17 volumes", "level 0", "two volumes", "without voxels"])
+    for (fault, words) in
+        faults.iter().zip(["name is longer", "17 volumes", "level 0", "two volumes", "without voxels"])
     {
         assert!(fault.contains(words), "{fault} does not say {words}");
     }
@@ -66,7 +72,10 @@ fn cameras_that_cannot_be_are_ignored() {
     for x in [f32::NAN, f32::INFINITY, 1e9] {
         assert_eq!(decode(Message::Camera(update(x))), Ok(Request::Ignored));
     }
-    assert_eq!(decode(Message::Camera(v1::CameraUpdate { position: None, ..update(0.0) })), Ok(Request::Ignored));
+    assert_eq!(
+        decode(Message::Camera(v1::CameraUpdate { position: None, ..update(0.0) })),
+        Ok(Request::Ignored)
+    );
     let camera = Camera { position: Vec3::X, forward: Vec3::NEG_Z, velocity: Vec3::ZERO };
     assert_eq!(decode(Message::Camera(update(1.0))), Ok(Request::Camera { sequence: 3, camera }));
 }
@@ -85,10 +94,13 @@ fn impossible_lights_are_named() {
     assert!(refused_lights(reply::lights(&rig(vec![sun(1.0); 4]))).contains("4 lights, this server takes 3"));
     let no_kind = v1::Lights { lights: vec![v1::Light { kind: None }], ..v1::Lights::default() };
     assert!(refused_lights(no_kind).contains("light 0: it is of no kind"));
-    let sky = v1::Lights { sky: Some(v1::Sky { lobes: vec![v1::Rgb::default(); 5] }), ..v1::Lights::default() };
+    let sky =
+        v1::Lights { sky: Some(v1::Sky { lobes: vec![v1::Rgb::default(); 5] }), ..v1::Lights::default() };
     assert!(refused_lights(sky).contains("5 lobes"));
     let sky = v1::Sky { lobes: vec![v1::Rgb { red: f32::NAN, green: 0.0, blue: 0.0 }; 6] };
-    assert!(refused_lights(v1::Lights { sky: Some(sky), ..v1::Lights::default() }).contains("the sky's radiance"));
+    assert!(
+        refused_lights(v1::Lights { sky: Some(sky), ..v1::Lights::default() }).contains("the sky's radiance")
+    );
     let scale = v1::Lights { emission_scale: Some(-1.0), ..v1::Lights::default() };
     assert!(refused_lights(scale).contains("the emission scale"));
 }
@@ -113,7 +125,10 @@ fn lights_survive_the_wire() {
     };
     assert_eq!(decode(Message::Lights(reply::lights(&rig))), Ok(Request::Lights(rig)));
     // What is absent: no lamps, a black sky, emissive surfaces as baked.
-    assert_eq!(decode(Message::Lights(v1::Lights::default())), Ok(Request::Lights(LightRig::emission_only())));
+    assert_eq!(
+        decode(Message::Lights(v1::Lights::default())),
+        Ok(Request::Lights(LightRig::emission_only()))
+    );
 }
 
 #[test]

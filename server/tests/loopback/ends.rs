@@ -5,6 +5,14 @@ use earthshine_client::{Camera, Client, ClientError, ClientOptions, Vec3};
 use earthshine_protocol::v1::ErrorCode;
 use earthshine_server::{Config, Server, ServerError};
 use std::time::{Duration, Instant};
+use tonic::transport::Channel;
+use tonic_health::pb::{
+    HealthCheckRequest, health_check_response::ServingStatus, health_client::HealthClient,
+};
+use tonic_reflection::pb::v1::{
+    ServerReflectionRequest, server_reflection_client::ServerReflectionClient,
+    server_reflection_request::MessageRequest, server_reflection_response::MessageResponse,
+};
 
 #[tokio::test]
 async fn a_port_in_use_names_the_address_and_the_cure() {
@@ -32,7 +40,10 @@ async fn a_missing_world_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let error = Server::bind(config(&folder.path().join("nowhere"))).await.unwrap_err();
     assert_eq!(error.exit_code(), 3);
-    assert!(error.to_string().contains("nowhere") && error.to_string().contains("earthshine bake"), "{error}");
+    assert!(
+        error.to_string().contains("nowhere") && error.to_string().contains("earthshine bake"),
+        "{error}"
+    );
     // Damaged rather than missing.
     std::fs::write(folder.path().join("world.toml"), "format_version = ").unwrap();
     let error = Server::bind(config(folder.path())).await.unwrap_err();
@@ -117,7 +128,9 @@ async fn operators_see_counters_health_and_readiness() {
     service.metric_reaches("earthshine_engine_resident_patches", 2.0).await;
     assert_eq!(service.metric("earthshine_tiles_loaded_total").await, 1.0);
     assert_eq!(service.metric("earthshine_engine_patches_added_total").await, 2.0);
-    for counter in ["earthshine_sent_bytes_total", "earthshine_received_bytes_total", "earthshine_tick_seconds_count"] {
+    for counter in
+        ["earthshine_sent_bytes_total", "earthshine_received_bytes_total", "earthshine_tick_seconds_count"]
+    {
         assert!(service.metric(counter).await > 0.0, "{counter}");
     }
     assert_eq!(service.get("/health").await, ("HTTP/1.1 200 OK".to_owned(), "alive\n".to_owned()));
@@ -128,19 +141,15 @@ async fn operators_see_counters_health_and_readiness() {
 
 #[tokio::test]
 async fn grpc_health_and_reflection_answer() {
-    use tonic_health::pb::{HealthCheckRequest, health_client::HealthClient};
     let service = Service::start(|_| ()).await;
-    let mut health = HealthClient::connect(service.uri.clone()).await.unwrap();
+    let channel = Channel::from_shared(service.uri.clone()).unwrap().connect().await.unwrap();
+    let mut health = HealthClient::new(channel.clone());
     for name in ["", "earthshine.v1.Lighting"] {
         let request = HealthCheckRequest { service: name.to_owned() };
         let status = health.check(request).await.unwrap().into_inner().status();
-        assert_eq!(status, tonic_health::pb::health_check_response::ServingStatus::Serving, "{name}");
+        assert_eq!(status, ServingStatus::Serving, "{name}");
     }
-    use tonic_reflection::pb::v1::{
-        ServerReflectionRequest, server_reflection_client::ServerReflectionClient,
-        server_reflection_request::MessageRequest, server_reflection_response::MessageResponse,
-    };
-    let mut reflection = ServerReflectionClient::connect(service.uri.clone()).await.unwrap();
+    let mut reflection = ServerReflectionClient::new(channel.clone());
     let message_request = Some(MessageRequest::ListServices(String::new()));
     let request = ServerReflectionRequest { host: String::new(), message_request };
     let mut answers =
@@ -148,6 +157,6 @@ async fn grpc_health_and_reflection_answer() {
     let answer = within(answers.message()).await.unwrap().unwrap().message_response.unwrap();
     let MessageResponse::ListServicesResponse(list) = answer else { panic!("{answer:?}") };
     assert!(list.service.iter().any(|service| service.name == "earthshine.v1.Lighting"), "{list:?}");
-    drop((health, answers, reflection));
+    drop((health, answers, reflection, channel));
     service.stop().await;
 }

@@ -47,7 +47,10 @@ async fn an_unknown_world_and_a_missing_hello_are_refused() {
 async fn impossible_lights_and_cameras_change_nothing() {
     let service = Service::start(|_| ()).await;
     let mut raw = Raw::greeted(&service.uri).await;
-    let lamp = v1::PointLight { intensity: Some(v1::Rgb { red: -1.0, green: 0.0, blue: 0.0 }), ..Default::default() };
+    let lamp = v1::PointLight {
+        intensity: Some(v1::Rgb { red: -1.0, green: 0.0, blue: 0.0 }),
+        ..Default::default()
+    };
     let lamp = v1::Light { kind: Some(v1::light::Kind::Point(lamp)) };
     raw.say(Message::Lights(v1::Lights { lights: vec![lamp], ..v1::Lights::default() })).await;
     let server_message::Message::Error(error) = raw.hear().await else { panic!("an error") };
@@ -158,7 +161,10 @@ async fn sessions_are_bounded_and_a_place_is_free_again_after_a_goodbye() {
     let service = Service::start(|config| config.engine.sessions_max = 1).await;
     let first = Client::connect(&service.uri, ClientOptions::default()).await.unwrap();
     let error = Client::connect(&service.uri, ClientOptions::default()).await.unwrap_err();
-    assert!(matches!(&error, ClientError::Refused { cause } if cause.contains("engine.sessions_max")), "{error}");
+    assert!(
+        matches!(&error, ClientError::Refused { cause } if cause.contains("engine.sessions_max")),
+        "{error}"
+    );
     first.close().await;
     within(async {
         while service.metric("earthshine_sessions").await > 0.0 {
@@ -176,7 +182,8 @@ async fn without_the_token_nobody_enters() {
     let service = Service::start(|config| config.bearer_token.0 = "sesame".to_owned()).await;
     let mut raw = Raw::open(&service.uri).await;
     assert_eq!(raw.hear_end().await.code(), ErrorCode::Unauthorised);
-    let channel = tonic::transport::Channel::from_shared(service.uri.clone()).unwrap().connect().await.unwrap();
+    let channel =
+        tonic::transport::Channel::from_shared(service.uri.clone()).unwrap().connect().await.unwrap();
     let with_token = |mut request: tonic::Request<()>| {
         request.metadata_mut().insert("authorization", "Bearer sesame".parse().unwrap());
         Ok(request)

@@ -2,7 +2,9 @@
 
 use crate::world::{POSITIONS, Raw, Service, closed_form, within};
 use earthshine_client::{Camera, Client, ClientOptions, Light, Lights, Vec3};
-use earthshine_protocol::v1::{self, client_message::Message, lighting_client::LightingClient, server_message};
+use earthshine_protocol::v1::{
+    self, client_message::Message, lighting_client::LightingClient, server_message,
+};
 use std::sync::Arc;
 
 const CAMERA: Camera =
@@ -21,7 +23,8 @@ async fn settled(client: &mut Client) -> Arc<Light> {
 }
 
 fn assert_light(light: &Light, factor: f32) {
-    for ((position, normal), expected) in POSITIONS.into_iter().zip([Vec3::X, Vec3::NEG_X]).zip(closed_form()) {
+    for ((position, normal), expected) in POSITIONS.into_iter().zip([Vec3::X, Vec3::NEG_X]).zip(closed_form())
+    {
         let found = light.lookup(position, normal).expect("light here");
         let error = (found.irradiance - expected * factor).abs().max_element() / expected.max_element();
         // RGB9E5 has nine bits.
@@ -178,7 +181,10 @@ async fn the_world_is_described_without_a_session() {
     let service = Service::start(|_| ()).await;
     let mut client = LightingClient::connect(service.uri.clone()).await.unwrap();
     let info = client.world(v1::WorldRequest::default()).await.unwrap().into_inner();
-    assert_eq!((info.world.as_str(), info.chunk_count, info.patch_count, info.nonzero_count), ("plates", 1, 2, 2));
+    assert_eq!(
+        (info.world.as_str(), info.chunk_count, info.patch_count, info.nonzero_count),
+        ("plates", 1, 2, 2)
+    );
     assert_eq!(info.lights.unwrap().emission_scale, Some(1.0));
     let wrong = v1::WorldRequest { world: Some("town".to_owned()) };
     assert_eq!(client.world(wrong).await.unwrap_err().code(), tonic::Code::NotFound);

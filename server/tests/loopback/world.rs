@@ -1,9 +1,12 @@
 //! Two square metres that face each other, one of them a lamp; and a server that serves them.
 
-use earthshine_protocol::v1::{self, client_message::Message, lighting_client::LightingClient, server_message};
+use earthshine_protocol::v1::{
+    self, client_message::Message, lighting_client::LightingClient, server_message,
+};
 use earthshine_server::{Config, Server, ServerError};
 use earthshine_tiles::{
-    BakeParameters, ChunkEntry, EncodeOptions, Manifest, encode, format, tile_file_name, tile_hash, write_atomic,
+    BakeParameters, ChunkEntry, EncodeOptions, Manifest, encode, format, tile_file_name, tile_hash,
+    write_atomic,
 };
 use earthshine_world::{
     Bounds, Chunk, ChunkCoord, ChunkId, ChunkRows, Column, Direction, LightRig, OccluderMesh, Patch, Rgb,
@@ -107,7 +110,13 @@ pub struct Service {
 /// Free ports, and time-outs that tests do not notice.
 pub fn config(folder: &Path) -> Config {
     let free = "127.0.0.1:0".parse().unwrap();
-    Config { world: folder.to_owned(), listen: free, admin_listen: free, tick_rate_hz: 200.0, ..Config::default() }
+    Config {
+        world: folder.to_owned(),
+        listen: free,
+        admin_listen: free,
+        tick_rate_hz: 200.0,
+        ..Config::default()
+    }
 }
 
 impl Service {
@@ -206,13 +215,15 @@ impl Raw {
 
     pub async fn say_camera(&self, sequence: u64, x: f32) {
         let position = Some(v1::Vector3 { x, y: 4.5, z: 4.5 });
-        self.say(Message::Camera(v1::CameraUpdate { sequence, position, ..v1::CameraUpdate::default() })).await;
+        self.say(Message::Camera(v1::CameraUpdate { sequence, position, ..v1::CameraUpdate::default() }))
+            .await;
     }
 
     /// The next message that is not statistics.
     pub async fn hear(&mut self) -> server_message::Message {
         loop {
-            let message = within(self.from_server.message()).await.unwrap().expect("a message before the end");
+            let message =
+                within(self.from_server.message()).await.unwrap().expect("a message before the end");
             match message.message.unwrap() {
                 server_message::Message::Statistics(_) => {}
                 other => return other,

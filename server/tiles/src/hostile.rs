@@ -144,7 +144,7 @@ fn frames_of_other_lengths_are_refused() {
     }
 }
 
-/// Goal: nothing is allocated on a liar's word. Method: counts that would need GiBs, in a file of a KiB.
+/// Goal: nothing is allocated on a liar's word. Method: counts for many a GiB in a file of a KiB.
 #[test]
 fn huge_counts_in_small_files_are_refused() {
     let (header, frames) = take_apart(&tile(RowCodec::Half));

@@ -140,7 +140,8 @@ impl Manifest {
         }
         let Bounds { min, max } = self.bounds;
         let empty = self.bounds == Bounds::EMPTY && self.chunks.is_empty();
-        if !empty && !(min.is_finite() && max.is_finite() && min.cmple(max).all()) {
+        let finite = min.is_finite() && max.is_finite();
+        if !(empty || finite && min.cmple(max).all()) {
             return Some("bounds: the box is empty or not finite".to_owned());
         }
         if let Some(pair) = self.chunks.windows(2).find(|pair| pair[0].id() >= pair[1].id()) {

@@ -20,6 +20,12 @@ pub fn decode_bytes(bytes: &[u8], path_for_messages: &Path) -> Result<Chunk, Til
     View { bytes, path: path_for_messages, layout: &layout }.decode(None)
 }
 
+/// Verifies and decodes all rows of the tile `bytes`, and nothing else: what the bench measures.
+pub(crate) fn decode_rows_of_bytes(bytes: &[u8], path: &Path) -> Result<ChunkRows, TileError> {
+    let layout = Layout::parse(bytes, path)?;
+    View { bytes, path, layout: &layout }.rows(0..u32::MAX, None, &mut Unpacker::new())
+}
+
 /// How many patches a chunk has; `None` if there is no such chunk.
 pub(crate) type PatchCounts<'a> = &'a dyn Fn(ChunkId) -> Option<u32>;
 

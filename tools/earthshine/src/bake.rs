@@ -118,7 +118,7 @@ impl QualityArguments {
 pub(crate) fn run(arguments: &BakeArguments) -> anyhow::Result<()> {
     let parameters = arguments.quality.parameters();
     let quiet = arguments.quiet || arguments.json;
-    let source = scene_source::load(&arguments.scene, arguments.lights.as_deref(), &parameters)?;
+    let source = scene_source::load(&arguments.scene, arguments.lights.as_deref(), parameters.metals_black)?;
     for warning in &source.scene.report.warnings {
         eprintln!("warning: {warning}");
     }

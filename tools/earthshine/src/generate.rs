@@ -61,7 +61,7 @@ impl ShapeArguments {
         options.furnace_reflectance = self.reflectance.unwrap_or(options.furnace_reflectance);
         options.corridor_length_m = self.length.unwrap_or(options.corridor_length_m);
         options.town_size_m = self.size.unwrap_or(options.town_size_m);
-        options.town_triangles = self.triangles.unwrap_or(options.town_triangles);
+        options.town_triangles = self.triangles.or(options.town_triangles);
         options.flatten = self.flatten || options.flatten;
         options
     }

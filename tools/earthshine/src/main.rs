@@ -7,11 +7,19 @@
 
 mod bake;
 mod bench;
+mod compare;
+mod demo;
 mod exit_code;
+mod fly;
 mod generate;
+mod inspect;
+mod lights_wire;
 mod machine;
 mod progress_bars;
+mod render;
 mod scene_source;
+mod serve;
+mod view;
 mod volume_light;
 mod whole_world;
 
@@ -41,6 +49,18 @@ enum Command {
     Gen(generate::GenArguments),
     /// Bakes a glTF scene into a world folder.
     Bake(bake::BakeArguments),
+    /// Says what is in a world, and whether it is sound.
+    Inspect(inspect::InspectArguments),
+    /// Serves a world until SIGTERM or Ctrl-C.
+    Serve(earthshine_server::ServeArgs),
+    /// Flies a camera through a served world: latencies, misses, pictures.
+    Fly(fly::FlyArguments),
+    /// Draws a scene: path-traced, and by a world's light.
+    Render(render::RenderArguments),
+    /// Compares pictures, or a world's light with a reference at points.
+    Compare(compare::CompareArguments),
+    /// All of it on a generated town, in one go.
+    Demo(demo::DemoArguments),
     /// Measures, and prints one JSON object.
     Bench(bench::BenchArguments),
 }
@@ -54,6 +74,12 @@ fn main() -> ExitCode {
     let result = match arguments.command {
         Command::Gen(command) => generate::run(&command),
         Command::Bake(command) => bake::run(&command),
+        Command::Inspect(command) => inspect::run(&command),
+        Command::Serve(command) => serve::run(command),
+        Command::Fly(command) => fly::run(&command),
+        Command::Render(command) => render::run(&command),
+        Command::Compare(command) => compare::run(&command),
+        Command::Demo(command) => demo::run(&command),
         Command::Bench(command) => bench::run(&command),
     };
     match result {

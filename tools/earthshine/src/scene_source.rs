@@ -3,7 +3,6 @@
 use anyhow::Context as _;
 use earthshine_gen::{GenOptions, WorldKind};
 use earthshine_scene::{ImportOptions, Scene};
-use earthshine_tiles::BakeParameters;
 use earthshine_world::LightRig;
 use std::path::Path;
 
@@ -18,9 +17,9 @@ pub(crate) struct SceneSource {
 pub(crate) fn load(
     scene: &str,
     lights: Option<&Path>,
-    parameters: &BakeParameters,
+    metals_black: bool,
 ) -> anyhow::Result<SceneSource> {
-    load_generated(scene, lights, parameters.metals_black, &GenOptions::default())
+    load_generated(scene, lights, metals_black, &GenOptions::default())
 }
 
 /// As [`load`]; a generated world takes its shape from `shape`.

@@ -47,8 +47,8 @@ fn sees_out(tracer: &SceneTracer<'_>, position: Vec3, normal: Vec3, seed: u64, i
     const RAYS: u64 = 16;
     let origin = position + normal * 1e-4;
     let back = (0..RAYS).filter(|ray| {
-        let (u, v) = unit_pair(hash(seed, Purpose::MeasurePoint, index, 2 + ray));
-        let direction = earthshine_render::sampling::cosine_direction(normal, u, v);
+        let pair = unit_pair(hash(seed, Purpose::MeasurePoint, index, 2 + ray));
+        let direction = earthshine_render::sampling::cosine_direction(normal, pair);
         tracer.closest(origin, direction, 0.0, f32::INFINITY).is_some_and(|hit| !hit.front)
     });
     back.count() as u64 * 2 < RAYS

@@ -4,7 +4,7 @@
 
 use anyhow::Context as _;
 use earthshine_light::{OccluderSet, Occluders, direct_irradiance};
-use earthshine_radiosity::gather::{self, SparseRows};
+use earthshine_radiosity::gather::{GatherLimits, SparseRows, Sources, gather};
 use earthshine_tiles::{DirStore, Manifest, TileStore};
 use earthshine_volume::{Layout, Volume};
 use earthshine_world::{Chunk, ChunkId, LightRig, Rgb};
@@ -14,10 +14,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Relative change of the light at which a solve ends.
-const TOLERANCE: f32 = 1e-5;
-/// Bounces after which it ends anyway: 0.98 to this power is below the tolerance.
-const BOUNCES_MAX: u32 = 600;
+/// A solve ends at this relative change, or after bounces whose light is below it even at reflectance 0.98.
+const LIMITS: GatherLimits = GatherLimits { tolerance: 1e-6, iterations_max: 600 };
 
 /// Every chunk of a world.
 pub(crate) struct WholeWorld {
@@ -32,7 +30,6 @@ pub(crate) struct WholeLight {
     pub(crate) irradiance: Vec<Rgb>,
     pub(crate) sky_irradiance: Vec<Rgb>,
     pub(crate) direct_exitance: Vec<Rgb>,
-    pub(crate) bounces: u32,
 }
 
 impl WholeWorld {
@@ -69,13 +66,13 @@ impl WholeWorld {
             .map(|shares| rig.sky.irradiance(shares))
             .collect();
         let mut irradiance = vec![Rgb::ZERO; reflectance.len()];
-        let sources = gather::Sources {
+        let sources = Sources {
             direct_exitance: &direct_exitance,
             outside_irradiance: &sky_irradiance,
             reflectance: &reflectance,
         };
-        let solved = gather::solve(&self.rows, &sources, &mut irradiance, TOLERANCE, BOUNCES_MAX);
-        WholeLight { irradiance, sky_irradiance, direct_exitance, bounces: solved.iterations }
+        gather(&self.rows, sources, &mut irradiance, LIMITS);
+        WholeLight { irradiance, sky_irradiance, direct_exitance }
     }
 
     /// `rho * E_direct + emission` of every patch, lm/m2.
@@ -120,12 +117,9 @@ fn global_rows(chunks: &[Chunk]) -> anyhow::Result<SparseRows> {
         count += chunk.patches.len() as u32;
     }
     let nonzeros = chunks.iter().map(|chunk| chunk.rows.columns.len()).sum();
-    let mut rows = SparseRows {
-        starts: Vec::with_capacity(count as usize + 1),
-        columns: Vec::with_capacity(nonzeros),
-        shares: Vec::with_capacity(nonzeros),
-    };
-    rows.starts.push(0);
+    let mut starts = Vec::with_capacity(count as usize + 1);
+    let (mut columns, mut shares) = (Vec::with_capacity(nonzeros), Vec::with_capacity(nonzeros));
+    starts.push(0);
     for chunk in chunks {
         let bases: Vec<u32> = chunk
             .rows
@@ -135,13 +129,13 @@ fn global_rows(chunks: &[Chunk]) -> anyhow::Result<SparseRows> {
             .collect::<Result<_, _>>()?;
         for row in 0..chunk.rows.row_count() {
             for (column, share) in chunk.rows.row(row) {
-                rows.columns.push(bases[usize::from(column.segment)] + u32::from(column.local));
-                rows.shares.push(share);
+                columns.push(bases[usize::from(column.segment)] + u32::from(column.local));
+                shares.push(share);
             }
-            rows.starts.push(rows.columns.len() as _);
+            starts.push(columns.len());
         }
     }
-    Ok(rows)
+    Ok(SparseRows::new(starts, columns, shares)?)
 }
 
 impl WholeWorld {

@@ -17,8 +17,10 @@ const LAMP: MaterialId = MaterialId(3);
 
 /// Edge of the measured box, mm; footprints below are in its coordinates, x to the left and z away from the viewer.
 const MEASURED_EDGE: f32 = 555.0;
-const SHORT_BLOCK: ([(f32, f32); 4], f32) = ([(130.0, 65.0), (82.0, 225.0), (240.0, 272.0), (290.0, 114.0)], 165.0);
-const TALL_BLOCK: ([(f32, f32); 4], f32) = ([(423.0, 247.0), (265.0, 296.0), (314.0, 456.0), (472.0, 406.0)], 330.0);
+const SHORT_BLOCK: ([(f32, f32); 4], f32) =
+    ([(130.0, 65.0), (82.0, 225.0), (240.0, 272.0), (290.0, 114.0)], 165.0);
+const TALL_BLOCK: ([(f32, f32); 4], f32) =
+    ([(423.0, 247.0), (265.0, 296.0), (314.0, 456.0), (472.0, 406.0)], 330.0);
 const LAMP_BELOW_CEILING_M: f32 = 0.01;
 
 pub(crate) fn generate(options: &GenOptions) -> Result<Glb, GenError> {
@@ -61,7 +63,8 @@ fn place(x: f32, y: f32, z: f32) -> Vec3 {
 
 /// A block without a bottom. Footprints go round clockwise seen from above in measured coordinates.
 fn block(mesh: &mut Mesh, footprint: &[(f32, f32); 4], height: f32) {
-    let (foot, head) = (footprint.map(|(x, z)| place(x, 0.0, z)), footprint.map(|(x, z)| place(x, height, z)));
+    let (foot, head) =
+        (footprint.map(|(x, z)| place(x, 0.0, z)), footprint.map(|(x, z)| place(x, height, z)));
     mesh.polygon(WHITE, &head);
     for i in 0..4 {
         let next = (i + 1) % 4;
@@ -83,7 +86,8 @@ mod tests {
             for [a, b, c] in wall.corners() {
                 let normal = (b - a).cross(c - a);
                 let centre = (a + b + c) / 3.0;
-                let at_border = centre.x.abs() > 0.999 || centre.z < -0.999 || centre.y < 1e-6 || centre.y > 1.98;
+                let at_border =
+                    centre.x.abs() > 0.999 || centre.z < -0.999 || centre.y < 1e-6 || centre.y > 1.98;
                 if at_border {
                     assert!(normal.dot(Vec3::Y - centre) > 0.0, "a wall of {material:?} faces out");
                 }

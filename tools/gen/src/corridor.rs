@@ -43,7 +43,8 @@ fn materials() -> Vec<Material> {
         ("ceiling", Rgb::splat(0.7)),
     ];
     let mut list: Vec<Material> = paints.map(|(name, paint)| Material::reflecting(name, paint)).into();
-    let lamps = [Rgb::new(1200.0, 1100.0, 950.0), Rgb::new(900.0, 1000.0, 1200.0), Rgb::new(800.0, 500.0, 200.0)];
+    let lamps =
+        [Rgb::new(1200.0, 1100.0, 950.0), Rgb::new(900.0, 1000.0, 1200.0), Rgb::new(800.0, 500.0, 200.0)];
     for (name, radiance) in ["neutral lamp", "cold lamp", "warm lamp"].into_iter().zip(lamps) {
         list.push(Material::emitting(name, Rgb::splat(0.5), radiance));
     }
@@ -78,7 +79,12 @@ fn masonry(options: &GenOptions) -> Masonry {
         let parts = starts(reach(i) - x, PAINTED_M);
         for (j, part) in parts.iter().enumerate() {
             let to = if j + 1 < parts.len() { x + part + PAINTED_M } else { reach(i) };
-            hollow(&mut masonry, paint(draw, (i * 16 + j) as u32), (x + part, to), (lane(i), lane(i) + WIDTH_M));
+            hollow(
+                &mut masonry,
+                paint(draw, (i * 16 + j) as u32),
+                (x + part, to),
+                (lane(i), lane(i) + WIDTH_M),
+            );
         }
         if i < last {
             hollow(&mut masonry, paint(draw, (i * 16 + 15) as u32), (reach(i) - WIDTH_M, reach(i)), aside);
@@ -123,7 +129,8 @@ fn fit_out(masonry: &mut Masonry, draw: Draw, straight: usize, (from, to): (f32,
         let index = (straight * 8 + i) as u32;
         let x = from + x + LAMP_SPACING_M / 4.0;
         let lamp = MaterialId(CEILING.0 + 1 + draw.below(Use::RoomLamp, index, LAMPS.into()) as u16);
-        let (low, high) = (Vec3::new(x, HEIGHT_M - 0.06, middle - 0.3), Vec3::new(x + 1.2, HEIGHT_M, middle + 0.3));
+        let (low, high) =
+            (Vec3::new(x, HEIGHT_M - 0.06, middle - 0.3), Vec3::new(x + 1.2, HEIGHT_M, middle + 0.3));
         masonry.fill(low, high, Fill::Trim(lamp));
     }
     for (i, x) in starts(to - from, PILLAR_SPACING_M).into_iter().enumerate() {

@@ -37,7 +37,9 @@ pub enum GenError {
         size_m: f32,
     },
     /// A `.glb` counts its bytes in 32 bits.
-    #[error("the world has more than {limit} bytes, which a .glb cannot hold: leave instances unflattened or make it smaller")]
+    #[error(
+        "the world has more than {limit} bytes, which a .glb cannot hold: leave instances unflattened or make it smaller"
+    )]
     TooLarge {
         /// Most bytes.
         limit: u64,

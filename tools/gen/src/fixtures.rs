@@ -35,7 +35,10 @@ pub fn corridor_glb(length_m: f32) -> Vec<u8> {
 /// The smallest town: one block and its streets, 40 m; flattened, or with instances.
 #[must_use]
 pub fn small_town_glb(flatten: bool) -> Vec<u8> {
-    bytes(WorldKind::Town, &GenOptions { town_size_m: GenOptions::TOWN_CELL_M, flatten, ..GenOptions::default() })
+    bytes(
+        WorldKind::Town,
+        &GenOptions { town_size_m: GenOptions::TOWN_CELL_M, flatten, ..GenOptions::default() },
+    )
 }
 
 fn bytes(kind: WorldKind, options: &GenOptions) -> Vec<u8> {

@@ -59,6 +59,10 @@ impl Glb {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct MeshIndex(u32);
 
+/// Number of a node in the file.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct NodeIndex(u32);
+
 /// Builds the file part by part.
 pub(crate) struct GlbBuilder {
     document: Document,
@@ -118,29 +122,45 @@ impl GlbBuilder {
     }
 
     /// Shows `mesh` at `placement`.
-    pub(crate) fn place(&mut self, name: &str, mesh: MeshIndex, placement: &Placement) -> u32 {
-        self.count(mesh, 1);
-        let node = json::Node { mesh: Some(mesh.0), ..node_json(name, placement) };
-        self.node(node)
+    pub(crate) fn place(&mut self, name: &str, mesh: MeshIndex, placement: &Placement) {
+        self.place_with(name, mesh, placement, Vec::new());
     }
 
-    /// Shows `mesh` at each of `placements`, which are relative to `origin`.
-    pub(crate) fn place_many(
-        &mut self, name: &str, mesh: MeshIndex, origin: Vec3, placements: &[Placement],
-    ) -> Result<(), GenError> {
+    /// Shows `mesh` at `placement`, and nodes that are placed relative to it.
+    pub(crate) fn place_with(
+        &mut self,
+        name: &str,
+        mesh: MeshIndex,
+        placement: &Placement,
+        parts: Vec<NodeIndex>,
+    ) {
+        self.count(mesh, 1);
+        let children = parts.into_iter().map(|part| part.0).collect();
+        let node = self.node(json::Node { mesh: Some(mesh.0), children, ..node_json(name, placement) });
+        self.show(node);
+    }
+
+    /// Copies of `mesh` at each of `placements`; they show as parts of a placed mesh.
+    pub(crate) fn copies(
+        &mut self,
+        name: &str,
+        mesh: MeshIndex,
+        placements: &[Placement],
+    ) -> Result<NodeIndex, GenError> {
         if let [placement] = placements {
-            let moved = Placement { translation: placement.translation + origin, ..*placement };
-            self.place(name, mesh, &moved);
-            return Ok(());
+            self.count(mesh, 1);
+            return Ok(self.node(json::Node { mesh: Some(mesh.0), ..node_json(name, placement) }));
         }
         self.count(mesh, placements.len() as u64);
         let translations: Vec<f32> = placements.iter().flat_map(|p| p.translation.to_array()).collect();
         let rotations: Vec<f32> = placements.iter().flat_map(|p| p.rotation.to_array()).collect();
         let scales: Vec<f32> = placements.iter().flat_map(|p| [p.scale; 3]).collect();
         let mut attributes = BTreeMap::new();
-        for (attribute, values, shape, width) in
-            [("TRANSLATION", translations, "VEC3", 3), ("ROTATION", rotations, "VEC4", 4), ("SCALE", scales, "VEC3", 3)]
-        {
+        for (attribute, values, shape, width) in [
+            ("TRANSLATION", translations, "VEC3", 3),
+            ("ROTATION", rotations, "VEC4", 4),
+            ("SCALE", scales, "VEC3", 3),
+        ] {
             let view = self.view(None);
             attributes.insert(attribute, self.floats(view, &values, shape, width));
             self.close_view(view, None)?;
@@ -148,9 +168,9 @@ impl GlbBuilder {
         self.uses(json::INSTANCING, true);
         let instancing = Some(json::Instancing { attributes });
         let extensions = Some(json::NodeExtensions { instancing, light: None });
-        let node = json::Node { mesh: Some(mesh.0), extensions, ..node_json(name, &Placement::at(origin)) };
-        self.node(node);
-        Ok(())
+        let node =
+            json::Node { mesh: Some(mesh.0), extensions, ..node_json(name, &Placement::at(Vec3::ZERO)) };
+        Ok(self.node(node))
     }
 
     /// Adds a lamp or the sun.
@@ -168,14 +188,22 @@ impl GlbBuilder {
             }
         };
         let (color, intensity) = colour_and_strength(strength);
-        self.lights.push(json::Light { name: name.to_owned(), kind, color: color.to_array(), intensity, range, spot });
+        self.lights.push(json::Light {
+            name: name.to_owned(),
+            kind,
+            color: color.to_array(),
+            intensity,
+            range,
+            spot,
+        });
         self.uses(json::LIGHTS, false);
         let light = Some(json::LightOfNode { light: self.lights.len() as u32 - 1 });
         let extensions = Some(json::NodeExtensions { light, instancing: None });
         // A punctual light shines along the -Z axis of its node.
         let rotation = Quat::from_rotation_arc(Vec3::NEG_Z, direction);
         let placement = Placement { translation: position, rotation, scale: 1.0 };
-        self.node(json::Node { extensions, ..node_json(name, &placement) });
+        let node = self.node(json::Node { extensions, ..node_json(name, &placement) });
+        self.show(node);
     }
 
     /// The whole file.
@@ -218,16 +246,19 @@ impl GlbBuilder {
         self.triangles += placed * self.mesh_triangles[mesh.0 as usize];
     }
 
-    fn node(&mut self, node: json::Node) -> u32 {
+    fn node(&mut self, node: json::Node) -> NodeIndex {
         self.document.nodes.push(node);
-        let index = self.document.nodes.len() as u32 - 1;
-        self.document.scenes[0].nodes.push(index);
-        index
+        NodeIndex(self.document.nodes.len() as u32 - 1)
+    }
+
+    fn show(&mut self, node: NodeIndex) {
+        self.document.scenes[0].nodes.push(node.0);
     }
 
     fn uses(&mut self, extension: &'static str, required: bool) {
         let document = &mut self.document;
-        let lists = [Some(&mut document.extensions_used), required.then_some(&mut document.extensions_required)];
+        let lists =
+            [Some(&mut document.extensions_used), required.then_some(&mut document.extensions_required)];
         for list in lists.into_iter().flatten() {
             if !list.contains(&extension) {
                 list.push(extension);
@@ -255,8 +286,15 @@ impl GlbBuilder {
     fn accessor(&mut self, view: u32, component_type: u32, count: usize, shape: &'static str) -> u32 {
         let byte_offset = self.binary.len() as u64 - self.document.buffer_views[view as usize].byte_offset;
         let count = count as u64;
-        let accessor =
-            json::Accessor { buffer_view: view, byte_offset, component_type, count, shape, min: None, max: None };
+        let accessor = json::Accessor {
+            buffer_view: view,
+            byte_offset,
+            component_type,
+            count,
+            shape,
+            min: None,
+            max: None,
+        };
         self.document.accessors.push(accessor);
         self.document.accessors.len() as u32 - 1
     }
@@ -315,8 +353,9 @@ fn material_json(material: &Material) -> json::Material {
     } else {
         (material.emitted_radiance, 1.0)
     };
-    let extensions = (strength != 1.0)
-        .then_some(json::MaterialExtensions { emissive_strength: json::Strength { emissive_strength: strength } });
+    let extensions = (strength != 1.0).then_some(json::MaterialExtensions {
+        emissive_strength: json::Strength { emissive_strength: strength },
+    });
     json::Material {
         name: material.name.clone(),
         pbr_metallic_roughness: json::MetallicRoughness {

@@ -120,7 +120,8 @@ impl Cells {
         let mut faces = vec![NO_FACE; self.count(u_axis) * self.count(v_axis)];
         for (at, face) in faces.iter_mut().enumerate() {
             let mut cell = [0; 3];
-            (cell[axis], cell[u_axis], cell[v_axis]) = (layer, at % self.count(u_axis), at / self.count(u_axis));
+            (cell[axis], cell[u_axis], cell[v_axis]) =
+                (layer, at % self.count(u_axis), at / self.count(u_axis));
             let (solid, keeps) = match self.fills[self.index(cell)] {
                 Some(Fill::Wall(material)) => (material, false),
                 Some(Fill::Trim(material)) => (material, true),
@@ -164,7 +165,9 @@ impl Cells {
             }
             let (u0, v0) = (start % width, start / width);
             let u1 = (u0..width).find(|&u| faces[v0 * width + u] != material).unwrap_or(width);
-            let same = |v: usize, faces: &[u32]| faces[v * width + u0..v * width + u1].iter().all(|&f| f == material);
+            let same = |v: usize, faces: &[u32]| {
+                faces[v * width + u0..v * width + u1].iter().all(|&f| f == material)
+            };
             let v1 = (v0 + 1..height).find(|&v| !same(v, faces)).unwrap_or(height);
             for v in v0..v1 {
                 faces[v * width + u0..v * width + u1].fill(NO_FACE);
@@ -210,7 +213,10 @@ mod tests {
         assert!((oracle::volume(&mesh) - (64.0 - 27.0 - 1.0)).abs() < 1e-4, "{}", oracle::volume(&mesh));
         let areas: Vec<f32> = mesh.surfaces.values().map(area).collect();
         // Outside 6 x 16 less the window, and the reveal; inside three walls, one with the window, floor, ceiling.
-        assert!((areas[0] - (96.0 - 2.0 + 3.0)).abs() < 1e-4 && (areas[1] - (36.0 - 2.0)).abs() < 1e-4, "{areas:?}");
+        assert!(
+            (areas[0] - (96.0 - 2.0 + 3.0)).abs() < 1e-4 && (areas[1] - (36.0 - 2.0)).abs() < 1e-4,
+            "{areas:?}"
+        );
         assert!((areas[2] - 9.0).abs() < 1e-4 && (areas[3] - 9.0).abs() < 1e-4);
     }
 

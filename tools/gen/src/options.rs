@@ -132,9 +132,12 @@ impl GenOptions {
                 check("furnace_reflectance", self.furnace_reflectance.into(), 0.0, 0.98)?;
                 check("furnace_radiance", self.furnace_radiance.into(), 0.0, 1e9)
             }
-            WorldKind::Corridor => {
-                check("corridor_length_m", self.corridor_length_m.into(), 8.0, Self::CORRIDOR_LENGTH_MAX_M.into())
-            }
+            WorldKind::Corridor => check(
+                "corridor_length_m",
+                self.corridor_length_m.into(),
+                8.0,
+                Self::CORRIDOR_LENGTH_MAX_M.into(),
+            ),
             WorldKind::Town => {
                 let (least, most) = (Self::TOWN_CELL_M.into(), Self::TOWN_SIZE_MAX_M.into());
                 check("town_size_m", self.town_size_m.into(), least, most)?;
@@ -155,13 +158,16 @@ mod tests {
             assert_eq!(kind.name().parse::<WorldKind>().unwrap(), kind);
             assert_eq!(serde_json::to_string(&kind).unwrap(), format!("\"{kind}\""));
         }
-        assert!(matches!("village".parse::<WorldKind>(), Err(GenError::UnknownKind { given }) if given == "village"));
+        assert!(
+            matches!("village".parse::<WorldKind>(), Err(GenError::UnknownKind { given }) if given == "village")
+        );
     }
 
     #[test]
     fn numbers_out_of_range_are_named() {
         let options = GenOptions { town_size_m: f32::NAN, furnace_reflectance: 1.0, ..GenOptions::default() };
-        for (kind, option) in [(WorldKind::Town, "town_size_m"), (WorldKind::Furnace, "furnace_reflectance")] {
+        for (kind, option) in [(WorldKind::Town, "town_size_m"), (WorldKind::Furnace, "furnace_reflectance")]
+        {
             let error = options.validate(kind).unwrap_err();
             assert!(matches!(error, GenError::OutOfRange { name, .. } if name == option), "{error}");
         }

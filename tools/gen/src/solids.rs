@@ -11,7 +11,16 @@ use std::collections::BTreeMap;
 /// Corners of a regular octagon of radius 1, +X first, towards -Z (counter-clockwise seen from above).
 const OCTAGON: [(f32, f32); 8] = {
     const HALF: f32 = std::f32::consts::FRAC_1_SQRT_2;
-    [(1.0, 0.0), (HALF, -HALF), (0.0, -1.0), (-HALF, -HALF), (-1.0, 0.0), (-HALF, HALF), (0.0, 1.0), (HALF, HALF)]
+    [
+        (1.0, 0.0),
+        (HALF, -HALF),
+        (0.0, -1.0),
+        (-HALF, -HALF),
+        (-1.0, 0.0),
+        (-HALF, HALF),
+        (0.0, 1.0),
+        (HALF, HALF),
+    ]
 };
 
 /// An octagonal prism from `base` up by `height`, radius `lower` at its foot and `upper` at its head, m.
@@ -59,8 +68,7 @@ pub(crate) fn gable(mesh: &mut Mesh, material: MaterialId, min: Vec3, max: Vec3,
 /// An octahedron of eight triangles.
 pub(crate) fn octahedron(mesh: &mut Mesh, material: MaterialId, centre: Vec3, radius: f32) {
     let axes = [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z];
-    let faces =
-        [[0, 2, 4], [4, 2, 1], [1, 2, 5], [5, 2, 0], [0, 4, 3], [4, 1, 3], [1, 5, 3], [5, 0, 3]];
+    let faces = [[0, 2, 4], [4, 2, 1], [1, 2, 5], [5, 2, 0], [0, 4, 3], [4, 1, 3], [1, 5, 3], [5, 0, 3]];
     mesh.surface(material).push(&axes.map(|axis| centre + axis * radius), &axes, &faces.map(outward(&axes)));
 }
 
@@ -155,7 +163,13 @@ mod tests {
     fn solids_are_closed_with_fronts_outward_and_the_right_volume() {
         let material = MaterialId(0);
         let octagon = 2.0 * 2f64.sqrt();
-        let lump = |subdivisions| Lump { centre: Vec3::X, radii: Vec3::ONE, roughness: 0.0, subdivisions, number: 0 };
+        let lump = |subdivisions| Lump {
+            centre: Vec3::X,
+            radii: Vec3::ONE,
+            roughness: 0.0,
+            subdivisions,
+            number: 0,
+        };
         let draw = Draw::of_world(1);
         let (low, high) = (Vec3::new(-1.0, 2.0, -3.0), Vec3::new(5.0, 2.0, 4.0));
         let cases = [

@@ -72,7 +72,8 @@ fn a_cell_made_alone_is_the_cell_of_the_whole_town() {
 
 #[test]
 fn flattened_towns_hold_the_same_triangles() {
-    let (instanced, flat) = (made(WorldKind::Town, &town(80.0, None, false)), made(WorldKind::Town, &town(80.0, None, true)));
+    let (instanced, flat) =
+        (made(WorldKind::Town, &town(80.0, None, false)), made(WorldKind::Town, &town(80.0, None, true)));
     assert_eq!(instanced.triangles, flat.triangles);
     assert_eq!(flat.stored_triangles, flat.triangles);
     assert!(instanced.stored_triangles < instanced.triangles);
@@ -119,7 +120,10 @@ fn no_two_faces_share_a_plane_and_a_place() {
         for cell in [(0, 0), (-1, -1), (-2, 0), (1, 1)] {
             let options = GenOptions { seed, flatten: true, ..town(160.0, None, true) };
             let mesh = generate_town_cell(&options, cell).mesh;
-            reading::assert_no_shared_planes(&mesh.corners().collect::<Vec<_>>(), &format!("cell {cell:?} of {seed}"));
+            reading::assert_no_shared_planes(
+                &mesh.corners().collect::<Vec<_>>(),
+                &format!("cell {cell:?} of {seed}"),
+            );
         }
     }
     for bytes in [fixtures::cornell_glb(), fixtures::two_rooms_glb(), fixtures::corridor_glb(130.0)] {
@@ -145,6 +149,9 @@ fn files_are_whole_or_absent() {
 #[test]
 fn progress_begins_at_nothing_and_ends_at_everything() {
     let heard = std::cell::RefCell::new(Vec::new());
-    generate(WorldKind::Town, &town(80.0, None, false), &|done, total| heard.borrow_mut().push((done, total))).unwrap();
+    generate(WorldKind::Town, &town(80.0, None, false), &|done, total| {
+        heard.borrow_mut().push((done, total))
+    })
+    .unwrap();
     assert_eq!(heard.into_inner(), [(0, 4), (1, 4), (2, 4), (3, 4), (4, 4)]);
 }

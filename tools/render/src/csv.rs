@@ -5,7 +5,6 @@
 //! everything in them is checked and a fault is named by line and column.
 
 use earthshine_world::{Rgb, Vec3};
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 /// The columns, in the order they are written.
@@ -128,7 +127,8 @@ pub fn to_text(points: &[ReferencePoint]) -> String {
     for point in points {
         let values = [point.position, point.normal, point.irradiance, point.standard_error];
         let numbers: Vec<String> = values.iter().flat_map(Vec3::to_array).map(|v| v.to_string()).collect();
-        writeln!(text, "{}", numbers.join(",")).expect("a string grows");
+        text.push_str(&numbers.join(","));
+        text.push('\n');
     }
     text
 }

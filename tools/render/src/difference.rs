@@ -21,7 +21,7 @@ pub fn difference(measured: &Picture, reference: &Picture, full_scale: f32) -> R
     for (pixel, (&found, &right)) in image.pixels_mut().zip(pairs) {
         pixel.0 = false_colour((luminance(found) - luminance(right)) / full_scale);
     }
-    let scale = format!("BLUE -{full_scale:.3} .. RED +{full_scale:.3} CD/M2");
+    let scale = format!("+-{full_scale:.3} CD/M2");
     glyphs::draw(&mut image, 0, height, &scale);
     Ok(image)
 }

@@ -30,8 +30,9 @@ pub fn luminance(rgb: Rgb) -> f32 {
 /// Radiance times `exposure`, clipped at one, sRGB-encoded to 8 bits.
 #[must_use]
 pub fn exposed(picture: &Picture, exposure: f32) -> RgbImage {
-    let bytes = picture.pixels().iter().flat_map(|&pixel| (pixel * exposure).to_array().map(srgb_byte));
-    RgbImage::from_raw(picture.width(), picture.height(), bytes.collect()).expect("three bytes a pixel")
+    RgbImage::from_fn(picture.width(), picture.height(), |x, y| {
+        image::Rgb((picture.at(x, y) * exposure).to_array().map(srgb_byte))
+    })
 }
 
 /// The exposure that shows `picture` with its geometric mean at middle grey; black pixels do not count.
@@ -73,9 +74,8 @@ pub fn write_png(path: &Path, picture: &RgbImage) -> Result<(), ImageFileError> 
 /// # Errors
 /// The file cannot be written.
 pub fn write_exr(path: &Path, picture: &Picture) -> Result<(), ImageFileError> {
-    let values: Vec<f32> = picture.pixels().iter().flat_map(Rgb::to_array).collect();
-    let image =
-        Rgb32FImage::from_raw(picture.width(), picture.height(), values).expect("three values a pixel");
+    let value = |x, y| image::Rgb(picture.at(x, y).to_array());
+    let image = Rgb32FImage::from_fn(picture.width(), picture.height(), value);
     save(path, &DynamicImage::ImageRgb32F(image), ImageFormat::OpenExr)
 }
 

@@ -75,8 +75,12 @@ pub fn compare_pictures(measured: &RgbImage, reference: &RgbImage) -> Result<Pic
 pub fn flip_picture(measured: &RgbImage, reference: &RgbImage) -> Result<RgbImage, SizeError> {
     SizeError::check(measured.dimensions(), reference.dimensions())?;
     let coloured = flip_map(measured, reference).apply_color_lut(&nv_flip::magma_lut());
-    let image = RgbImage::from_raw(measured.width(), measured.height(), coloured.to_vec());
-    Ok(image.expect("as many pixels as went in"))
+    let bytes = coloured.to_vec();
+    let width = measured.width();
+    Ok(RgbImage::from_fn(width, measured.height(), |x, y| {
+        let first = 3 * (y as usize * width as usize + x as usize);
+        image::Rgb([bytes[first], bytes[first + 1], bytes[first + 2]])
+    }))
 }
 
 fn flip(measured: &RgbImage, reference: &RgbImage) -> f64 {

@@ -51,6 +51,16 @@ impl Picture {
     pub fn pixels(&self) -> &[Rgb] {
         &self.pixels
     }
+
+    /// Radiance of one pixel, cd/m2.
+    ///
+    /// # Panics
+    /// If it is outside.
+    #[must_use]
+    pub fn at(&self, x: u32, y: u32) -> Rgb {
+        assert!(x < self.width && y < self.height, "({x}, {y}) is outside");
+        self.pixels[y as usize * self.width as usize + x as usize]
+    }
 }
 
 /// What to take a picture of, and how well.

@@ -1,7 +1,7 @@
 //! Labelled pictures side by side in one: what a person looks at first.
 
 use crate::glyphs;
-use image::{GenericImage, RgbImage};
+use image::RgbImage;
 
 /// Pixels around and between pictures.
 const GAP_PIXELS: u32 = 8;
@@ -50,7 +50,7 @@ pub fn sheet(pictures: &[(&str, &RgbImage)], columns: usize) -> Result<RgbImage,
         let fitting = ((cell_width - GAP_PIXELS) / glyphs::ADVANCE_PIXELS) as usize;
         let label: String = label.chars().take(fitting).collect();
         glyphs::draw(&mut image, x, y, &label);
-        image.copy_from(*picture, x, y + glyphs::LINE_PIXELS).expect("cells hold the largest picture");
+        image::imageops::replace(&mut image, *picture, x.into(), (y + glyphs::LINE_PIXELS).into());
     }
     Ok(image)
 }

@@ -2,6 +2,7 @@
 //!
 //! A few seconds' worth of paths: enough to see a wrong factor, a missing bounce, a lamp counted twice,
 //! a texture read upside down. `examples/agreement.rs` runs the same comparison for as long as one likes.
+#![expect(clippy::print_stdout, reason = "a skipped test says why, and figures are wanted beside a failure")]
 
 use earthshine_render::reference::{ReferenceOptions, irradiance_at_points};
 use earthshine_render::{LightErrors, PointEstimate, ReferencePoint, SceneTracer, compare_points, csv};

@@ -35,14 +35,18 @@ fn events_that_cannot_be_are_ignored_and_counted() {
         Event::Camera { session: nobody, camera: still(Vec3::ZERO) },
         Event::Lights { session: ALICE, lights: bad_lights },
         Event::Lights { session: nobody, lights: LightRig::emission_only() },
+        Event::Lights {
+            session: ALICE,
+            lights: LightRig { lights: vec![lamp(Vec3::ONE).lights[0]; 300], ..lamp(Vec3::ONE) },
+        },
         unwanted,
         Event::TileFailed { chunk, cause: "late".to_owned() },
         Event::TileFailed { chunk: foreign, cause: "foreign".to_owned() },
     ];
     let done = harness.tick().done;
     let ignored = done.ignored;
-    assert_eq!((ignored.sessions, ignored.cameras, ignored.lights, ignored.tiles), (3, 4, 2, 3));
-    assert_eq!((ignored.total(), done.frames, done.tile_failures), (12, 0, 0));
+    assert_eq!((ignored.sessions, ignored.cameras, ignored.lights, ignored.tiles), (3, 4, 3, 3));
+    assert_eq!((ignored.total(), done.frames, done.tile_failures), (13, 0, 0));
     assert_eq!(*harness.frame(ALICE), before);
 }
 
@@ -187,4 +191,12 @@ fn an_engine_that_cannot_be_is_refused() {
     assert!(matches!(build(&|index, _| index.grid.chunk_edge_voxels = 99), Err(EngineError::Grid { .. })));
     let twice = build(&|index, _| index.chunks.push(index.chunks[0]));
     assert_eq!(twice, Err(EngineError::DuplicateChunk(world.index.chunks[0].id)));
+}
+
+/// The shell moves the engine to a thread of its own.
+#[test]
+fn an_engine_may_change_threads() {
+    fn may_change_threads<T: Send>(_: &T) {}
+    let harness = Harness::new(world(10), generous(1), Faults::default());
+    may_change_threads(&harness.engine);
 }

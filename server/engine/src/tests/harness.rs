@@ -2,8 +2,7 @@
 
 use super::backend::{Faults, GatherBackend};
 use super::world::RandomWorld;
-use crate::{Command, Engine, EngineConfig, Event, Frame, SessionId, TickStats};
-use earthshine_radiosity::{Backend, BackendError};
+use crate::{BackendFactory, Command, Engine, EngineConfig, Event, Frame, SessionId, TickStats};
 use earthshine_world::{Camera, ChunkId, Light, LightRig, Rgb, Vec3};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -24,7 +23,7 @@ pub(crate) struct Harness {
     pub(crate) events: Vec<Event>,
 }
 
-pub(crate) fn factory(faults: Faults) -> crate::BackendFactory {
+pub(crate) fn factory(faults: Faults) -> BackendFactory {
     let steps = Arc::new(AtomicU64::new(0));
     Box::new(move |capacity| Ok(Box::new(GatherBackend::new(capacity, faults, Arc::clone(&steps)))))
 }
@@ -48,11 +47,7 @@ impl Harness {
         Self::with_backends(world, config, factory(faults))
     }
 
-    pub(crate) fn with_backends(
-        world: RandomWorld,
-        config: EngineConfig,
-        backends: Box<dyn FnMut(u32) -> Result<Box<dyn Backend>, BackendError> + Send>,
-    ) -> Self {
+    pub(crate) fn with_backends(world: RandomWorld, config: EngineConfig, backends: BackendFactory) -> Self {
         let engine = Engine::new(world.index.clone(), config, backends).unwrap();
         Self {
             engine,

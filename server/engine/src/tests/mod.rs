@@ -8,4 +8,3 @@ mod light;
 mod residency;
 mod simulator;
 pub(crate) mod world;
-mod timing;

@@ -222,32 +222,31 @@ impl LocalMatrix {
         product(returned.plane(channel), inverse.plane(channel), block, among.plane_mut(channel));
         among.keep(channel, kept);
         self.multiply_columns(channel, inverse.plane(channel), block);
-        let (rows, stride) = (self.active_rows(), self.stride);
         let (mut slots, mut reflectance) = ([0; Self::BLOCK_MAX], [0.0; Self::BLOCK_MAX]);
         for (place, arrival) in arrivals.iter().enumerate() {
             slots[place] = arrival.slot.0 as usize;
             reflectance[place] = arrival.reflectance[channel];
         }
         let (slots, reflectance) = (&slots[..block], &reflectance[..block]);
-        let plane = &mut self.planes[channel][..rows * stride];
-        let left = &mut self.workspace.left[..rows * TILE];
-        for (row, left) in plane.chunks_exact_mut(stride).zip(left.chunks_exact_mut(TILE)) {
-            for ((left, &slot), &reflectance) in left.iter_mut().zip(slots).zip(reflectance) {
-                row[slot] = *left;
-                *left *= reflectance;
+        // `left` goes to the update with the reflectance in it, to the columns of `new` without.
+        let rows = self.active_rows() * TILE;
+        let Workspace { left, columns, .. } = &mut self.workspace;
+        let (left, columns) = (&mut left[..rows], &mut columns[channel][..rows]);
+        columns.copy_from_slice(left);
+        for row in left.chunks_exact_mut(TILE) {
+            row.iter_mut().zip(reflectance).for_each(|(entry, reflectance)| *entry *= reflectance);
+        }
+        for (new, &slot) in slots.iter().enumerate().filter(|(new, _)| kept >> new & 1 == 1) {
+            for (from, reflectance) in reflectance.iter().enumerate() {
+                let share = among.plane(channel)[new * block + from];
+                let identity = f64::from(u8::from(new == from));
+                columns[slot * TILE + from] = share as f32;
+                left[slot * TILE + from] = (identity + share * f64::from(*reflectance)) as f32;
             }
         }
-        for (new, &slot) in slots.iter().enumerate() {
-            if kept >> new & 1 == 1 {
-                for (from, &sender) in slots.iter().enumerate() {
-                    let share = among.plane(channel)[new * block + from];
-                    plane[slot * stride + sender] = share as f32;
-                    let identity = f64::from(u8::from(new == from));
-                    left[slot * TILE + from] = (identity + share * f64::from(reflectance[from])) as f32;
-                }
-            }
-        }
-        self.rank_update(channel, block);
+        self.rank_update(channel, block, |_, row, columns| {
+            slots.iter().zip(columns).for_each(|(&slot, &share)| row[slot] = share);
+        });
     }
 
     /// Notes who came, and what they see.

@@ -14,7 +14,7 @@ use std::collections::TryReserveError;
 pub(super) const ABSENT: u8 = u8::MAX;
 
 /// Tiles of columns a task takes.
-pub(super) const STRIPE_TILES: usize = 8;
+pub(super) const STRIPE_TILES: usize = 16;
 
 /// Memory of updates and products, allocated once.
 #[derive(Debug)]
@@ -93,18 +93,26 @@ impl LocalMatrix {
         self.extent.div_ceil(TILE) * self.workspace.depth * TILE
     }
 
-    /// `H += left * panels` of one channel, the first `block` columns of `left`.
-    pub(super) fn rank_update(&mut self, channel: usize, block: usize) {
+    /// `H += left * panels` of one channel, the first `block` columns of `left`. `finish` then gets each row
+    /// of `H`, its slot, and its row of `columns`, while they are in the cache.
+    pub(super) fn rank_update(
+        &mut self,
+        channel: usize,
+        block: usize,
+        finish: impl Fn(usize, &mut [f32], &[f32]) + Sync,
+    ) {
         let rows = self.active_rows();
         let (stride, set) = (self.stride, self.instructions);
-        let panels = &self.workspace.panels[channel][..self.extent.div_ceil(TILE) * self.workspace.depth * TILE];
+        let panels = &self.workspace.panels[channel][..self.panel_len()];
         let panel_stride = self.workspace.depth * TILE;
         self.planes[channel][..rows * stride]
             .par_chunks_mut(BAND_ROWS * stride)
             .zip(self.workspace.left[..rows * TILE].par_chunks(BAND_ROWS * TILE))
-            .for_each(|(out, coefficients)| {
+            .zip(self.workspace.columns[channel][..rows * TILE].par_chunks(BAND_ROWS * TILE))
+            .enumerate()
+            .for_each(|(band, ((out, coefficients), columns))| {
                 let kernel = RankUpdate {
-                    out,
+                    out: &mut *out,
                     stride,
                     first_column: 0,
                     coefficients,
@@ -114,6 +122,11 @@ impl LocalMatrix {
                     panel_stride,
                 };
                 f32::dispatch(set, kernel);
+                for (row, (out, columns)) in
+                    out.chunks_exact_mut(stride).zip(columns.chunks_exact(TILE)).enumerate()
+                {
+                    finish(band * BAND_ROWS + row, out, columns);
+                }
             });
     }
 

@@ -35,8 +35,7 @@ impl LocalMatrix {
         for channel in 0..3 {
             self.copy_out(channel, leaving);
             self.multiply_columns(channel, correction.plane(channel), leaving.len());
-            self.rank_update(channel, leaving.len());
-            self.clear(channel, leaving);
+            self.rank_update(channel, leaving.len(), |slot, row, _| clear_row(slot, row, leaving));
         }
         leaving.iter().for_each(|&slot| self.forget(slot));
     }
@@ -92,12 +91,16 @@ impl LocalMatrix {
     /// Zeroes rows and columns.
     pub(super) fn clear(&mut self, channel: usize, leaving: &[usize]) {
         let (rows, stride) = (self.active_rows(), self.stride);
-        for (at, row) in self.planes[channel][..rows * stride].chunks_exact_mut(stride).enumerate() {
-            if leaving.contains(&at) {
-                row.fill(0.0);
-            } else {
-                leaving.iter().for_each(|&slot| row[slot] = 0.0);
-            }
+        for (slot, row) in self.planes[channel][..rows * stride].chunks_exact_mut(stride).enumerate() {
+            clear_row(slot, row, leaving);
         }
+    }
+}
+
+fn clear_row(slot: usize, row: &mut [f32], leaving: &[usize]) {
+    if leaving.contains(&slot) {
+        row.fill(0.0);
+    } else {
+        leaving.iter().for_each(|&leaving| row[leaving] = 0.0);
     }
 }

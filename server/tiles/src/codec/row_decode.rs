@@ -229,18 +229,15 @@ impl RowKeys<'_> {
 
     #[inline]
     fn push_eight(&mut self, gaps: [u8; 8], columns: &mut Vec<Column>) -> Decoded<()> {
-        let mut keys = [0u64; 8];
-        let mut key = self.key;
-        for (slot, gap) in keys.iter_mut().zip(gaps) {
-            key = key.wrapping_add(u64::from(gap)).wrapping_add(1);
-            *slot = key;
-        }
+        let steps = Steps::of(gaps);
+        let key = self.key.wrapping_add(steps.total());
         // Keys ascend: if the last is of the segment of the one before the first, all are.
         if key >> 16 == self.place
             && let Some(found) = self.segments.get(self.place as usize)
         {
+            let locals = steps.locals_after(self.key as u16);
             self.key = key;
-            columns.extend_from_slice(&keys.map(|key| Column { segment: found.segment, local: key as u16 }));
+            columns.extend_from_slice(&locals.map(|local| Column { segment: found.segment, local }));
             return Ok(());
         }
         for gap in gaps {
@@ -259,6 +256,44 @@ impl RowKeys<'_> {
     }
 }
 
+/// How far eight keys are beyond the one before them: sums of gaps, and one for each.
+///
+/// Two words of four 16-bit lanes; a multiplication adds up the lanes below each.
+struct Steps {
+    even: u64,
+    odd: u64,
+}
+
+impl Steps {
+    const LANES: u64 = 0x0001_0001_0001_0001;
+
+    #[inline]
+    fn of(gaps: [u8; 8]) -> Self {
+        let word = u64::from_le_bytes(gaps);
+        let even = (word & (Self::LANES * 0xFF)).wrapping_mul(Self::LANES);
+        let odd = (word >> 8 & (Self::LANES * 0xFF)).wrapping_mul(Self::LANES);
+        // Gaps are below 128: no lane overflows.
+        Self {
+            even: even.wrapping_add(odd << 16).wrapping_add(0x0007_0005_0003_0001),
+            odd: even.wrapping_add(odd).wrapping_add(0x0008_0006_0004_0002),
+        }
+    }
+
+    /// Of the last key.
+    #[inline]
+    fn total(&self) -> u64 {
+        self.odd >> 48
+    }
+
+    /// The locals, if they are all of the segment of `local`, the one before.
+    #[inline]
+    fn locals_after(&self, local: u16) -> [u16; 8] {
+        let base = u64::from(local).wrapping_mul(Self::LANES);
+        let (even, odd) = (self.even.wrapping_add(base), self.odd.wrapping_add(base));
+        std::array::from_fn(|index| ((if index % 2 == 0 { even } else { odd }) >> (index / 2 * 16)) as u16)
+    }
+}
+
 #[inline]
 fn take_varint(bytes: &mut &[u8]) -> Decoded<u64> {
     let mut value = 0u64;
@@ -271,4 +306,23 @@ fn take_varint(bytes: &mut &[u8]) -> Decoded<u64> {
         }
     }
     Err("a column gap of more than five bytes".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_are_sums_of_gaps() {
+        for gaps in [[0; 8], [127; 8], [1, 0, 5, 127, 0, 0, 99, 3]] {
+            let mut key = 1000;
+            let expected = gaps.map(|gap| {
+                key += 1 + u16::from(gap);
+                key
+            });
+            let steps = Steps::of(gaps);
+            assert_eq!(steps.locals_after(1000), expected);
+            assert_eq!(steps.total(), u64::from(key - 1000));
+        }
+    }
 }

@@ -29,6 +29,8 @@ impl Packer {
         let context = &mut self.context;
         context.reset(ResetDirective::SessionAndParameters).map_err(message)?;
         context.set_parameter(CParameter::CompressionLevel(self.level)).map_err(message)?;
+        if let Ok(v)=std::env::var("MM") { context.set_parameter(CParameter::MinMatch(v.parse().unwrap())).map_err(message)?; }
+ if let Ok(v)=std::env::var("LV") { context.set_parameter(CParameter::CompressionLevel(v.parse().unwrap())).map_err(message)?; }
         context.set_pledged_src_size(Some(total as u64)).map_err(message)?;
         let mut frame = Vec::with_capacity(compress_bound(total) + (parts.len() + 1) * FLUSH_BYTES_MAX);
         let mut output = OutBuffer::around(&mut frame);

@@ -1,7 +1,7 @@
 //! Chunks and worlds to test with: random ones for structure, a town for sizes and rates.
 #![expect(dead_code, reason = "each test file uses its part")]
 
-pub mod town;
+pub(crate) mod town;
 
 use earthshine_tiles::{
     BakeParameters, ChunkEntry, EncodeOptions, Manifest, RowCodec, encode, format, tile_file_name, tile_hash,
@@ -15,41 +15,41 @@ use earthshine_world::{
 use std::path::Path;
 
 /// Random numbers in order.
-pub struct Dice {
+pub(crate) struct Dice {
     seed: u64,
     count: u64,
 }
 
 impl Dice {
-    pub fn new(seed: u64) -> Self {
+    pub(crate) fn new(seed: u64) -> Self {
         Self { seed, count: 0 }
     }
 
-    pub fn bits(&mut self) -> u64 {
+    pub(crate) fn bits(&mut self) -> u64 {
         self.count += 1;
         hash(self.seed, Purpose::Simulation, self.count, 0)
     }
 
-    pub fn below(&mut self, limit: usize) -> usize {
+    pub(crate) fn below(&mut self, limit: usize) -> usize {
         (self.bits() % limit as u64) as usize
     }
 
-    pub fn unit(&mut self) -> f32 {
+    pub(crate) fn unit(&mut self) -> f32 {
         unit_f32(self.bits())
     }
 
-    pub fn vector(&mut self) -> Vec3 {
+    pub(crate) fn vector(&mut self) -> Vec3 {
         Vec3::new(self.unit(), self.unit(), self.unit())
     }
 }
 
-pub fn options(codec: RowCodec) -> EncodeOptions {
+pub(crate) fn options(codec: RowCodec) -> EncodeOptions {
     EncodeOptions { codec, ..EncodeOptions::new(0xE4) }
 }
 
 /// A chunk with `patch_count` patches and up to `row_max` non-zeros a row, some rows empty, shares
 /// from 1 down to 1e-9.
-pub fn random_chunk(seed: u64, patch_count: usize, row_max: usize) -> Chunk {
+pub(crate) fn random_chunk(seed: u64, patch_count: usize, row_max: usize) -> Chunk {
     let mut dice = Dice::new(seed);
     let id = ChunkId::new((seed % 3) as u8, ChunkCoord::new(-2, 0, 5));
     let mut points = Vec::new();
@@ -120,7 +120,7 @@ fn random_rows(id: ChunkId, patch_count: usize, row_max: usize, dice: &mut Dice)
 }
 
 /// Writes `chunks` (ascending by id) as a world into `folder`.
-pub fn write_world(folder: &Path, chunks: &[Chunk], options: &EncodeOptions) -> Manifest {
+pub(crate) fn write_world(folder: &Path, chunks: &[Chunk], options: &EncodeOptions) -> Manifest {
     let mut entries = Vec::new();
     for chunk in chunks {
         let bytes = encode(chunk, options).unwrap();

@@ -8,8 +8,8 @@ use earthshine_world::{
 };
 
 const CHUNK_EDGE: i32 = 16;
-/// Form factors below this are cut: less than a ray's chance in 16,000.
-const SHARE_MIN: f32 = 6e-5;
+/// Form factors below this are cut.
+const SHARE_MIN: f32 = 2e-6;
 
 /// Heights of the town's columns of voxels, in a square of `chunks` x `chunks` chunks.
 struct Heights {
@@ -89,8 +89,8 @@ fn morton([x, y, z]: [i32; 3]) -> u64 {
         .sum()
 }
 
-/// The chunks in the middle row of a town of 3 x 3 chunks and more.
-pub fn town(chunks: i32, seed: u64) -> Vec<Chunk> {
+/// The chunks in the middle row of a town of `chunks` x `chunks` chunks. Their columns point into all.
+pub(crate) fn town(chunks: i32, seed: u64) -> Vec<Chunk> {
     let mut dice = Dice::new(seed);
     let heights = Heights::new(chunks, &mut dice);
     let id = |x: i32, z: i32| ChunkId::new(0, ChunkCoord::new(x, 0, z));
@@ -98,14 +98,12 @@ pub fn town(chunks: i32, seed: u64) -> Vec<Chunk> {
     let segments: Vec<ChunkId> = places.iter().map(|&(x, z)| id(x, z)).collect();
     let faces: Vec<Vec<(Vec3, Direction)>> = places.iter().map(|&(x, z)| heights.faces(x, z)).collect();
     (0..places.len())
+        .filter(|&own| places[own].0 == chunks / 2)
         .map(|own| {
-            let middle = places[own].0 == chunks / 2;
             let mut rows =
-                ChunkRows { segments: segments.clone(), row_starts: vec![0], ..Default::default() };
+                ChunkRows { segments: segments.clone(), row_starts: vec![0], ..ChunkRows::default() };
             for &face in &faces[own] {
-                // Chunks at the border hold patches but only sky, to save the test's time.
-                let entries = if middle { row(face, &faces, &heights, &mut dice) } else { vec![] };
-                push_row(&mut rows, face.1, entries);
+                push_row(&mut rows, face.1, row(face, &faces, &heights, &mut dice));
             }
             chunk(segments[own], &faces[own], rows, &mut dice)
         })

@@ -10,7 +10,7 @@ use anyhow::Context as _;
 use clap::Args;
 use earthshine_bake::{BakeOptions, BakeSummary};
 use earthshine_gen::GenOptions;
-use earthshine_render::compare_points::LightErrors;
+use earthshine_render::compare_points::{LightErrors, compare_points};
 use earthshine_render::csv::{self, ReferencePoint};
 use earthshine_render::{ReferenceOptions, SceneTracer, irradiance_at_points};
 use earthshine_tiles::RowCodec;
@@ -28,7 +28,7 @@ pub(crate) struct AccuracyArguments {
     /// Lights JSON.
     #[arg(long)]
     lights: Option<PathBuf>,
-    /// CSV of points where light is compared; only x,y,z,nx,ny,nz are read. Default: those of --reference, or random ones.
+    /// CSV of points where light is compared; the light in it is ignored. Default: those of --reference, or random ones.
     #[arg(long)]
     points: Option<PathBuf>,
     /// CSV of reference light; without it our own path tracer makes one.
@@ -140,7 +140,7 @@ fn against_reference(arguments: &AccuracyArguments, json: bool) -> anyhow::Resul
     }
     let figures = Figures {
         patches: summary.patches,
-        errors: LightErrors::measure(&reference, &measured),
+        errors: compare_points(&reference, &measured)?,
         bake_seconds: summary.seconds,
         solve_seconds,
         reference_seconds,
@@ -161,7 +161,7 @@ fn reference_points(
     }
     let tracer = SceneTracer::new(&source.scene);
     let places: Vec<_> = match &arguments.points {
-        Some(path) => csv::read_places(path)?,
+        Some(path) => csv::read(path)?.into_iter().map(|point| (point.position, point.normal)).collect(),
         None => volume_light::random_places(&tracer, arguments.point_count, arguments.quality.seed),
     };
     let bar = counted("reference", "points", places.len() as u64, quiet);

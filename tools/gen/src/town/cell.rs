@@ -35,6 +35,7 @@ pub struct CellMesh {
 /// What comes first when triangles are short.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Rank {
+    Tree,
     Fitting,
     Furniture,
     Street,

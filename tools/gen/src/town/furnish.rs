@@ -2,8 +2,9 @@
 
 use super::cell::{CellBuilder, Rank};
 use super::house::House;
+use super::indoors::{STAIRS_LENGTH_M, STAIRS_WIDTH_M};
 use super::paint::Paint;
-use super::prop::{Prop, STAIRS_LENGTH_M};
+use super::prop::Prop;
 use crate::draw::Use;
 use crate::masonry::{Fill, Masonry};
 use crate::mesh::Placement;
@@ -57,7 +58,7 @@ pub(crate) fn furniture(house: &House, room: &Room, cell: &mut CellBuilder<'_>) 
 fn stairs(room: &Room, storey: u32) -> Placement {
     let side = room.high.x - 0.02;
     if storey.is_multiple_of(2) {
-        let foot = Vec3::new(side - super::prop::STAIRS_WIDTH_M, room.low.y, room.high.z - 0.05 - STAIRS_LENGTH_M);
+        let foot = Vec3::new(side - STAIRS_WIDTH_M, room.low.y, room.high.z - 0.05 - STAIRS_LENGTH_M);
         Placement::at(foot)
     } else {
         Placement::quarter_turned(Vec3::new(side, room.low.y, room.low.z + 0.05 + STAIRS_LENGTH_M), 2)

@@ -5,10 +5,11 @@
 
 use super::cell::{BLOCK_HIGH_M, BLOCK_LOW_M, CellBuilder, Rank};
 use super::furnish::{self, Room};
+use super::indoors::{STAIRS_WIDTH_M, STOREY_RISE_M, WINDOW_HEIGHT_M, WINDOW_WIDTH_M};
 use super::paint::Paint;
-use super::prop::{Prop, STOREY_RISE_M, WINDOW_HEIGHT_M, WINDOW_WIDTH_M};
+use super::prop::Prop;
+use super::roof;
 use super::street::{LAWN_M, tree};
-use super::{prop, roof};
 use crate::draw::{Draw, Use};
 use crate::masonry::{Fill, Masonry, RoomPaint};
 use crate::mesh::Placement;
@@ -80,7 +81,7 @@ impl House {
 
     /// Top of the slab over the highest storey, m.
     pub(crate) fn top(&self) -> f32 {
-        GROUND_FLOOR_M + STOREY_RISE_M * self.storeys as f32
+        floor(self.storeys)
     }
 
     pub(crate) fn build(&self, cell: &mut CellBuilder<'_>) {
@@ -167,6 +168,16 @@ impl House {
     }
 }
 
+/// Floor of a storey, m. Heights come from here and from [`ceiling`] only: two sums for one height differ in the
+/// last bit, and masonry makes a sliver of that.
+fn floor(storey: u32) -> f32 {
+    GROUND_FLOOR_M + STOREY_RISE_M * storey as f32
+}
+
+fn ceiling(storey: u32) -> f32 {
+    floor(storey) + ROOM_HEIGHT_M
+}
+
 /// Position of `bays` bays from `low` of the way to `high`.
 fn bay_line(low: f32, high: f32, bays: f32) -> f32 {
     low + (high - low) * bays / BAYS as f32
@@ -186,7 +197,7 @@ struct Storey {
 impl Storey {
     fn plan(house: &House, number: u32) -> Self {
         let (low, high) = house.inside();
-        let floor = GROUND_FLOOR_M + STOREY_RISE_M * number as f32;
+        let floor = floor(number);
         let draw = |k: u32| house.index(number * 8 + k);
         // The same on all storeys, so that stairs meet their holes.
         let line = 1 + house.draw.below(Use::RoomShape, house.index(255), 2);
@@ -206,7 +217,7 @@ impl Storey {
         }
         let room = |(i, ((x0, x1), (z0, z1))): (usize, ((f32, f32), (f32, f32)))| Room {
             low: Vec3::new(x0, floor, z0),
-            high: Vec3::new(x1, floor + ROOM_HEIGHT_M, z1),
+            high: Vec3::new(x1, ceiling(number), z1),
             number: number * 4 + i as u32,
             has_stairs: i == 0,
         };
@@ -217,7 +228,9 @@ impl Storey {
     /// Rooms, the doors between them, and the hole over the stairs from the storey below.
     fn hollow(&self, house: &House, masonry: &mut Masonry) {
         for room in &self.rooms {
-            let pick = |k: u32, paints: &[Paint]| house.draw.pick(Use::RoomPaint, house.index(room.number * 4 + k), paints);
+            let pick = |k: u32, paints: &[Paint]| {
+                house.draw.pick(Use::RoomPaint, house.index(room.number * 4 + k), paints)
+            };
             let paint = RoomPaint {
                 walls: pick(0, &Paint::WALLS).id(),
                 floor: pick(1, &Paint::FLOORS).id(),
@@ -238,11 +251,15 @@ impl Storey {
         }
         if self.number > 0 {
             let below = self.number - 1;
-            let (z0, z1) = if below.is_multiple_of(2) { (high.z - 3.07, high.z) } else { (low.z, low.z + 3.07) };
-            let ceiling = self.floor - STOREY_RISE_M + ROOM_HEIGHT_M;
+            let (z0, z1) =
+                if below.is_multiple_of(2) { (high.z - 3.07, high.z) } else { (low.z, low.z + 3.07) };
             let wall = self.partition - half;
-            let width = prop::STAIRS_WIDTH_M + 0.04;
-            masonry.fill(Vec3::new(wall - width, ceiling, z0), Vec3::new(wall, self.floor, z1), Fill::Opening);
+            let width = STAIRS_WIDTH_M + 0.04;
+            masonry.fill(
+                Vec3::new(wall - width, ceiling(below), z0),
+                Vec3::new(wall, self.floor, z1),
+                Fill::Opening,
+            );
         }
     }
 }
@@ -257,11 +274,17 @@ mod tests {
         for seed in 0..30 {
             let house = House::plan(Draw::of_cell(seed, (1, -2)), seed as u32 % 4);
             let middle = f32::midpoint(BLOCK_LOW_M, BLOCK_HIGH_M);
-            assert!(house.low.min_element() >= 0.0 && house.high.x < BLOCK_HIGH_M && house.high.z < BLOCK_HIGH_M);
+            assert!(
+                house.low.min_element() >= 0.0 && house.high.x < BLOCK_HIGH_M && house.high.z < BLOCK_HIGH_M
+            );
             let (near, far) = if house.lot & 1 == 1 { (house.low.x, middle) } else { (middle, house.high.x) };
             assert!(near > far + 2.0, "no garden behind the house of lot {}", house.lot);
             let mut masonry = Masonry::default();
-            masonry.fill(house.low.with_y(FOUNDATION_M), house.high.with_y(house.top()), Fill::Wall(house.facade.id()));
+            masonry.fill(
+                house.low.with_y(FOUNDATION_M),
+                house.high.with_y(house.top()),
+                Fill::Wall(house.facade.id()),
+            );
             let whole = f64::from((house.high.x - house.low.x) * (house.high.z - house.low.z))
                 * f64::from(house.top() - FOUNDATION_M);
             for storey in 0..house.storeys {

@@ -7,6 +7,8 @@ mod cell;
 mod foliage;
 mod furnish;
 mod house;
+mod indoors;
+mod outdoors;
 mod paint;
 mod prop;
 mod roof;
@@ -53,7 +55,11 @@ pub(crate) fn generate(options: &GenOptions, progress: &dyn Fn(u64, u64)) -> Res
 /// A clear afternoon.
 fn sun() -> Light {
     let direction = Vec3::new(-0.45, -0.72, -0.53).normalize_or(Vec3::NEG_Y);
-    Light::Directional { direction, illuminance: Rgb::new(1.0, 0.96, 0.9) * 100_000.0, angular_diameter_rad: 0.0 }
+    Light::Directional {
+        direction,
+        illuminance: Rgb::new(1.0, 0.96, 0.9) * 100_000.0,
+        angular_diameter_rad: 0.0,
+    }
 }
 
 struct TownWriter<'a> {
@@ -67,8 +73,7 @@ impl TownWriter<'_> {
     fn write(&mut self, cell: &CellMesh) -> Result<(), GenError> {
         let (x, z) = cell.cell;
         let name = format!("cell {x},{z}");
-        let mesh = self.builder.mesh(&name, &cell.mesh)?;
-        self.builder.place(&name, mesh, &Placement::at(cell.origin));
+        let mut parts = Vec::with_capacity(cell.props.len());
         for (&prop, placements) in &cell.props {
             let mesh = match self.props.get(&prop) {
                 Some(&mesh) => mesh,
@@ -77,8 +82,10 @@ impl TownWriter<'_> {
                     *self.props.entry(prop).or_insert(mesh)
                 }
             };
-            self.builder.place_many(&format!("{name} {prop}"), mesh, cell.origin, placements)?;
+            parts.push(self.builder.copies(&format!("{name} {prop}"), mesh, placements)?);
         }
+        let mesh = self.builder.mesh(&name, &cell.mesh)?;
+        self.builder.place_with(&name, mesh, &Placement::at(cell.origin), parts);
         for (lamp, light) in &cell.lamps {
             self.builder.light(lamp, &moved(light, cell.origin));
         }

@@ -77,8 +77,14 @@ paints! {
 
 impl Paint {
     pub(crate) const FACADES: [Self; 8] = [
-        Self::FacadeCream, Self::FacadeOchre, Self::FacadeBrick, Self::FacadeRose, Self::FacadeSage,
-        Self::FacadeBlue, Self::FacadeGrey, Self::FacadeWhite,
+        Self::FacadeCream,
+        Self::FacadeOchre,
+        Self::FacadeBrick,
+        Self::FacadeRose,
+        Self::FacadeSage,
+        Self::FacadeBlue,
+        Self::FacadeGrey,
+        Self::FacadeWhite,
     ];
     /// Of pitched roofs.
     pub(crate) const ROOFS: [Self; 3] = [Self::RoofRed, Self::RoofSlate, Self::RoofBrown];

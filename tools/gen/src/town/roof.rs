@@ -69,7 +69,14 @@ impl Roof {
         let eaves = Vec3::new(EAVES_M, 0.0, EAVES_M);
         let (low, high) = (house.low - eaves, house.high + eaves);
         let y = house.top() - SUNK_M;
-        gable(&mut cell.mesh, Paint::ROOFS[paint as usize].id(), low.with_y(y), high.with_y(y), rise, along_x);
+        gable(
+            &mut cell.mesh,
+            Paint::ROOFS[paint as usize].id(),
+            low.with_y(y),
+            high.with_y(y),
+            rise,
+            along_x,
+        );
         for side in [-1.0f32, 1.0] {
             let slope = Slope::of((low.with_y(y), high.with_y(y)), rise, along_x, side);
             slope.tile(paint as u8, cell);
@@ -90,7 +97,8 @@ struct Slope {
 impl Slope {
     fn of((low, high): (Vec3, Vec3), rise: f32, along_x: bool, side: f32) -> Self {
         let size = high - low;
-        let (out, length, half) = if along_x { (Vec3::Z, size.x, size.z / 2.0) } else { (Vec3::X, size.z, size.x / 2.0) };
+        let (out, length, half) =
+            if along_x { (Vec3::Z, size.x, size.z / 2.0) } else { (Vec3::X, size.z, size.x / 2.0) };
         let out = out * side;
         let normal = (out * rise + Vec3::Y * half).normalize_or(Vec3::Y);
         let along = Vec3::Y.cross(out);

@@ -1,8 +1,9 @@
 //! Ground, road, pavement, street trees, lamps, parked cars; stones where triangles are left.
 
 use super::cell::{BLOCK_HIGH_M, BLOCK_LOW_M, Block, CellBuilder, Rank};
+use super::outdoors::LAMP_LIGHT;
 use super::paint::Paint;
-use super::prop::{LAMP_LIGHT, Prop};
+use super::prop::Prop;
 use crate::GenOptions;
 use crate::draw::Use;
 use crate::masonry::{Fill, Masonry};
@@ -56,12 +57,9 @@ fn ground(cell: &mut CellBuilder<'_>, block: Block, neighbours: [bool; 4]) {
     let high = Vec3::new(EDGE + reach(2), -DEPTH_M / 2.0, EDGE + reach(3));
     masonry.fill(low, high, Fill::Wall(Paint::Soil.id()));
     let high = high.with_y(0.0);
-    for (strip_low, strip_high) in [
-        (low, high.with_x(0.0)),
-        (low.with_x(EDGE), high),
-        (low, high.with_z(0.0)),
-        (low.with_z(EDGE), high),
-    ] {
+    for (strip_low, strip_high) in
+        [(low, high.with_x(0.0)), (low.with_x(EDGE), high), (low, high.with_z(0.0)), (low.with_z(EDGE), high)]
+    {
         masonry.fill(strip_low, strip_high, Fill::Wall(Paint::Asphalt.id()));
     }
     for side in 0..4 {
@@ -76,7 +74,10 @@ fn ground(cell: &mut CellBuilder<'_>, block: Block, neighbours: [bool; 4]) {
 
 /// A lamp in the middle of each side; two of four are lights where the town is lit.
 fn lamp(cell: &mut CellBuilder<'_>, side: u32) {
-    let placement = Placement::quarter_turned(at(side, EDGE / 2.0, KERB_M + 0.5, PAVEMENT_M), [2, 1, 0, 3][side as usize]);
+    let placement = Placement::quarter_turned(
+        at(side, EDGE / 2.0, KERB_M + 0.5, PAVEMENT_M),
+        [2, 1, 0, 3][side as usize],
+    );
     cell.place(Prop::Lamp, placement);
     if !cell.lamps_light {
         return;
@@ -88,7 +89,8 @@ fn lamp(cell: &mut CellBuilder<'_>, side: u32) {
             let intensity = warm * 900.0;
             let (inner_cone_rad, outer_cone_rad) = (0.6, 1.1);
             let direction = Vec3::NEG_Y;
-            let spot = Light::Spot { position, direction, intensity, inner_cone_rad, outer_cone_rad, range_m };
+            let spot =
+                Light::Spot { position, direction, intensity, inner_cone_rad, outer_cone_rad, range_m };
             cell.lamp(side, spot);
         }
         _ => {}
@@ -112,13 +114,13 @@ fn trees_and_cars(cell: &mut CellBuilder<'_>, side: u32) {
     }
 }
 
-/// A tree of any kind, turned and scaled; `index` tells it from the others of the cell.
+/// Offers a tree of any kind, turned and scaled; `index` tells it from the others of the cell.
 pub(crate) fn tree(cell: &mut CellBuilder<'_>, foot: Vec3, index: u32, scale: (f32, f32)) {
     let draw = cell.draw;
     let kind = Prop::Tree(draw.below(Use::Tree, index << 2, Prop::TREES.into()) as u8);
     let scale = draw.between(Use::Tree, index << 2 | 1, scale.0, scale.1);
     let turn = draw.between(Use::Tree, index << 2 | 2, -1.0, 1.0);
-    cell.place(kind, Placement::turned(foot, turn, scale));
+    cell.offer(Rank::Tree, kind, Placement::turned(foot, turn, scale));
 }
 
 /// Square metres of stones: pavements and squares first, then the road.

@@ -41,12 +41,18 @@ impl Loaded {
             binary,
         };
         for node in gltf.default_scene().unwrap().nodes() {
-            loaded.node(&gltf, &node);
+            loaded.node(&gltf, &node, Mat4::IDENTITY);
         }
         loaded
     }
 
-    fn node(&mut self, gltf: &gltf::Gltf, node: &gltf::Node<'_>) {
+    fn node(&mut self, gltf: &gltf::Gltf, node: &gltf::Node<'_>, parent: Mat4) {
+        let (translation, rotation, scale) = node.transform().decomposed();
+        let rotate = Quat::from_array(rotation);
+        let global = parent * Mat4::from_scale_rotation_translation(scale.into(), rotate, translation.into());
+        for child in node.children() {
+            self.node(gltf, &child, global);
+        }
         let Some(mesh) = node.mesh() else { return };
         let name = node.name().unwrap().to_owned();
         let instances = node.extension_value("EXT_mesh_gpu_instancing").map(|extension| {
@@ -54,7 +60,8 @@ impl Loaded {
                 let accessor = extension["attributes"][attribute].as_u64().unwrap() as usize;
                 self.floats(&gltf.accessors().nth(accessor).unwrap())
             };
-            let (translations, rotations, scales) = (values("TRANSLATION"), values("ROTATION"), values("SCALE"));
+            let (translations, rotations, scales) =
+                (values("TRANSLATION"), values("ROTATION"), values("SCALE"));
             let rotations = rotations.chunks_exact(4);
             let rows = translations.chunks_exact(3).zip(rotations).zip(scales.chunks_exact(3));
             rows.map(|((t, r), s)| Instance {
@@ -64,23 +71,15 @@ impl Loaded {
             })
             .collect::<Vec<_>>()
         });
-        let (translation, rotation, scale) = node.transform().decomposed();
-        let local = Mat4::from_scale_rotation_translation(scale.into(), Quat::from_array(rotation), translation.into());
-        let mut transforms: Vec<Mat4> = instances.iter().flatten().map(|i| local * i.matrix()).collect();
+        let mut transforms: Vec<Mat4> = instances.iter().flatten().map(|i| global * i.matrix()).collect();
         if let Some(instances) = instances {
             self.instances.insert(name, instances);
         } else {
-            transforms.push(local);
-            let cell = translation.into();
-            let single = Instance { translation: cell, rotation, scale: scale.into() };
-            // A single instance is a plain node in world space: its cell's corner is taken off again.
-            let origin = name.split([' ', ',']).collect::<Vec<_>>();
-            if let ["cell", x, z, _, ..] = origin[..] {
-                let corner = Vec3::new(x.parse().unwrap(), 0.0, z.parse().unwrap()) * 40.0;
-                self.instances.insert(name.clone(), vec![Instance { translation: cell - corner, ..single }]);
-            }
+            transforms.push(global);
+            let single = Instance { translation: translation.into(), rotation, scale: scale.into() };
+            self.instances.insert(name.clone(), vec![single]);
             let bytes = mesh.primitives().flat_map(|p| self.primitive_bytes(&p)).collect();
-            self.meshes.insert(name, (cell, bytes));
+            self.meshes.insert(name, (translation.into(), bytes));
         }
         for primitive in mesh.primitives() {
             let reader = primitive.reader(|_| Some(&self.binary));
@@ -92,7 +91,8 @@ impl Loaded {
             let indices: Vec<u32> = reader.read_indices().unwrap().into_u32().collect();
             for transform in &transforms {
                 let corner = |i: u32| transform.transform_point3(positions[i as usize]);
-                self.triangles.extend(indices.chunks_exact(3).map(|t| [corner(t[0]), corner(t[1]), corner(t[2])]));
+                self.triangles
+                    .extend(indices.chunks_exact(3).map(|t| [corner(t[0]), corner(t[1]), corner(t[2])]));
             }
         }
     }
@@ -180,7 +180,12 @@ pub(crate) fn assert_no_shared_planes(triangles: &[[Vec3; 3]], what: &str) {
         let near: Vec<usize> = members.iter().chain(next.into_iter().flatten()).copied().collect();
         for (k, &i) in members.iter().enumerate() {
             for &j in &near[k + 1..] {
-                assert!(!overlap(&triangles[i], &triangles[j]), "{what}: {:?} and {:?}", triangles[i], triangles[j]);
+                assert!(
+                    !overlap(&triangles[i], &triangles[j]),
+                    "{what}: {:?} and {:?}",
+                    triangles[i],
+                    triangles[j]
+                );
             }
         }
     }

@@ -4,6 +4,7 @@ use crate::glb::{BYTE, Glb, SHORT, UNSIGNED_BYTE, UNSIGNED_INT, UNSIGNED_SHORT, 
 use earthshine_scene::{ImportOptions, ImportReport, Scene, load};
 use earthshine_world::Vec3;
 use serde_json::json;
+use std::f32::consts::FRAC_1_SQRT_2;
 
 fn near(a: Vec3, b: Vec3) -> bool {
     (a - b).length() < 1e-5
@@ -31,7 +32,7 @@ fn transforms_compose_down_the_tree() {
     let mut glb = Glb::triangle();
     glb.json["nodes"] = json!([
         {"translation": [10, 0, 0], "children": [1]},
-        {"rotation": [0, 0, 0.70710678, 0.70710678], "children": [2]},
+        {"rotation": [0, 0, FRAC_1_SQRT_2, FRAC_1_SQRT_2], "children": [2]},
         {"matrix": [2,0,0,0, 0,2,0,0, 0,0,2,0, 0,0,5,1], "mesh": 0},
     ]);
     let scene = glb.scene();

@@ -1,15 +1,21 @@
 //! The shared scenes: whole files from several tools, against the counts of their README.
 
 use earthshine_scene::{ImportOptions, light_rig, load, load_lights, scenes_dir};
+use std::io::Write;
 use std::path::PathBuf;
 
 /// The folder, or a line that says what is not tested.
 fn folder(test: &str) -> Option<PathBuf> {
     let found = scenes_dir();
     if found.is_none() {
-        println!("SKIPPED {test}: no shared scenes; set EARTHSHINE_SCENES to their folder");
+        say(&format!("SKIPPED {test}: no shared scenes; set EARTHSHINE_SCENES to their folder"));
     }
     found
+}
+
+/// Past the test harness, which swallows what passing tests print.
+fn say(line: &str) {
+    writeln!(std::io::stderr(), "{line}").expect("standard error");
 }
 
 #[test]
@@ -22,7 +28,8 @@ fn every_shared_scene_has_the_triangles_its_readme_counts() {
         ("cornell", 32),
         ("office", 520),
         ("sponza", 66_444),
-        ("kaykit_city", 488_768),
+        // Two of its README's 488,768 have three corners in a line: no area in exact arithmetic.
+        ("kaykit_city", 488_766),
         ("dungeon", 29_631),
         ("delft", 36_264),
     ];
@@ -59,7 +66,7 @@ fn the_shared_lights_are_read() {
     let Some(folder) = folder("lights files") else { return };
     for (name, lights, own) in [("sponza", 1, true), ("kaykit_city", 1, false)] {
         let Ok(file) = load_lights(&folder.join(format!("{name}.lights.json"))) else {
-            println!("SKIPPED {name}.lights.json: not in {}", folder.display());
+            say(&format!("SKIPPED {name}.lights.json: not in {}", folder.display()));
             continue;
         };
         assert_eq!((file.lights.len(), file.use_gltf_lights), (lights, own), "{name}");

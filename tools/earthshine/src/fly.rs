@@ -1,0 +1,230 @@
+//! `earthshine fly`: a camera path through the client library, with latencies, misses and pictures.
+
+use crate::lights_wire;
+use crate::view::{ViewArguments, vector, write_layers};
+use crate::scene_source;
+use anyhow::{Context as _, bail};
+use clap::{Args, ValueEnum};
+use earthshine_client::World;
+use earthshine_fly::{FlyFrame, FlyOptions, FlyReport, Path, SunPath};
+use earthshine_render::picture::{LightSource, PictureOptions, render};
+use earthshine_render::{SceneTracer, image_file};
+use earthshine_world::{LightRig, Vec3};
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Arguments of `earthshine fly`.
+#[derive(Args)]
+#[command(after_help = "Examples:
+  earthshine fly                                     (an orbit around the world, 20 s)
+  earthshine fly --path line --from -50,2,0 --to 50,2,0 --speed 10
+  earthshine fly --path recorded --file walk.json --out pictures --scene town.glb
+  earthshine fly --path teleports --every 2 --json")]
+pub(crate) struct FlyArguments {
+    /// Server to connect to.
+    #[arg(long, env = "EARTHSHINE_SERVER", default_value = "http://127.0.0.1:7461")]
+    server: String,
+    #[command(flatten)]
+    route: RouteArguments,
+    /// Length of the flight, s.
+    #[arg(long, default_value_t = 20.0)]
+    seconds: f32,
+    /// Camera updates a second.
+    #[arg(long, default_value_t = 60.0)]
+    rate: f32,
+    /// Moves the sun from east to west during the flight.
+    #[arg(long)]
+    moving_sun: bool,
+    /// Writes pictures of the flight into this folder; needs --scene.
+    #[arg(long, requires = "scene")]
+    out: Option<PathBuf>,
+    /// The scene that was baked, to draw pictures of.
+    #[arg(long)]
+    scene: Option<String>,
+    /// How many pictures.
+    #[arg(long, default_value_t = 4)]
+    pictures: u32,
+    #[command(flatten)]
+    view: ViewArguments,
+    /// Print the report as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Route {
+    Orbit,
+    Line,
+    Recorded,
+    Teleports,
+}
+
+#[derive(Args)]
+struct RouteArguments {
+    /// What the camera does.
+    #[arg(long, value_enum, default_value = "orbit")]
+    path: Route,
+    /// Recorded: path file, JSON or TOML.
+    #[arg(long)]
+    file: Option<PathBuf>,
+    /// Line: start. Default: one side of the world.
+    #[arg(long, value_parser = vector, allow_hyphen_values = true)]
+    from: Option<Vec3>,
+    /// Line: end. Default: the other side.
+    #[arg(long, value_parser = vector, allow_hyphen_values = true)]
+    to: Option<Vec3>,
+    /// Line: m/s. Orbit: along the circle.
+    #[arg(long, default_value_t = 5.0)]
+    speed: f32,
+    /// Orbit: m. Default: a quarter of the world's smaller side.
+    #[arg(long)]
+    radius: Option<f32>,
+    /// Teleports: rest at each place, s.
+    #[arg(long, default_value_t = 2.0)]
+    every: f32,
+    /// Teleports: which places.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Writes the path that was flown, to fly it again with --path recorded.
+    #[arg(long)]
+    record: Option<PathBuf>,
+}
+
+impl RouteArguments {
+    fn path(&self, world: &World) -> anyhow::Result<Path> {
+        let (low, high) = (world.bounds_min, world.bounds_max);
+        let (centre, size) = ((low + high) * 0.5, high - low);
+        let eye = low.y + (size.y * 0.5).min(1.7);
+        Ok(match self.path {
+            Route::Orbit => {
+                let radius = self.radius.unwrap_or(size.x.min(size.z) * 0.25).max(1e-3);
+                let period_s = std::f32::consts::TAU * radius / self.speed;
+                Path::Orbit { centre: Vec3::new(centre.x, eye, centre.z), radius, height: 0.0, period_s }
+            }
+            Route::Line => Path::Line {
+                from: self.from.unwrap_or(Vec3::new(low.x, eye, centre.z)),
+                to: self.to.unwrap_or(Vec3::new(high.x, eye, centre.z)),
+                speed: self.speed,
+            },
+            Route::Recorded => match &self.file {
+                Some(file) => Path::load(file)?,
+                None => bail!("--path recorded needs --file"),
+            },
+            Route::Teleports => Path::Teleports {
+                seed: self.seed,
+                bounds_min: Vec3::new(low.x, eye, low.z),
+                bounds_max: Vec3::new(high.x, eye, high.z),
+                every_s: self.every,
+            },
+        })
+    }
+}
+
+/// A sun that crosses the sky from east to west, as bright as a clear day's.
+pub(crate) fn sun_path() -> SunPath {
+    SunPath {
+        azimuth_deg: [20.0, 160.0],
+        elevation_deg: [25.0, 55.0],
+        illuminance: Vec3::new(100_000.0, 96_000.0, 90_000.0),
+        rate_hz: 2.0,
+    }
+}
+
+/// Runs the subcommand.
+pub(crate) fn run(arguments: &FlyArguments) -> anyhow::Result<()> {
+    let runtime = tokio::runtime::Runtime::new().context("the asynchronous runtime could not start")?;
+    let timeout = Duration::from_secs(5);
+    let world = runtime.block_on(earthshine_client::world(&arguments.server, None, timeout))?;
+    let path = arguments.route.path(&world)?;
+    if let Some(file) = &arguments.route.record {
+        recorded(&path, arguments.seconds, arguments.rate).save(file)?;
+    }
+    let mut options = FlyOptions::new(&arguments.server, path);
+    options.duration = Duration::try_from_secs_f32(arguments.seconds).context("--seconds")?;
+    options.rate_hz = arguments.rate;
+    if arguments.moving_sun {
+        options.lights = Some(world.lights.clone());
+        options.sun = Some(sun_path());
+    }
+    if arguments.out.is_some() {
+        let step = arguments.seconds / arguments.pictures.max(1) as f32;
+        options.picture_times_s = (1..=arguments.pictures).map(|i| step * (i as f32 - 0.25)).collect();
+    }
+    let mut frames = Vec::new();
+    let report = runtime.block_on(earthshine_fly::fly(&options, |frame| frames.push(frame)))?;
+    if let (Some(folder), Some(scene)) = (&arguments.out, &arguments.scene) {
+        draw(&frames, folder, scene, &lights_wire::from_client(&world.lights), &arguments.view)?;
+    }
+    if arguments.json {
+        println!("{}", serde_json::to_string(&report)?);
+    } else {
+        print_report(&report);
+    }
+    Ok(())
+}
+
+/// Ten keys a second of what `path` does.
+fn recorded(path: &Path, seconds: f32, rate: f32) -> Path {
+    let step = 1.0 / rate.clamp(1.0, 10.0);
+    let keys = (0..=(seconds / step) as u32)
+        .map(|index| {
+            let time_s = index as f32 * step;
+            let camera = path.camera(time_s);
+            earthshine_fly::Key { time_s, position: camera.position, forward: camera.forward }
+        })
+        .collect();
+    Path::Recorded { keys }
+}
+
+/// Draws what each kept frame's light looks like.
+fn draw(
+    frames: &[FlyFrame],
+    folder: &std::path::Path,
+    scene: &str,
+    own_lights: &LightRig,
+    view: &ViewArguments,
+) -> anyhow::Result<()> {
+    let source = scene_source::load(scene, None, false)?;
+    let tracer = SceneTracer::new(&source.scene);
+    for frame in frames {
+        let rig = frame.lights.as_ref().map_or_else(|| own_lights.clone(), lights_wire::from_client);
+        let camera = view.pinhole_at(frame.camera.position, frame.camera.forward)?;
+        let lookup = |position, normal| frame.light.lookup(position, normal).map(|found| found.irradiance);
+        let options = PictureOptions { camera, samples: 8, seed: 1 };
+        let layers = render(&tracer, &rig, &options, LightSource::Lookup(&lookup))?;
+        let prefix = format!("flight_{:02}_", frame.picture);
+        write_layers(folder, &prefix, &layers, image_file::key_exposure(&layers.full), false)?;
+    }
+    Ok(())
+}
+
+/// The report in a few lines.
+pub(crate) fn print_report(report: &FlyReport) {
+    let milliseconds = |value: Option<f64>| value.map_or("-".to_owned(), |ms| format!("{ms:.1} ms"));
+    println!(
+        "{:.1} s, {} frames ({:.1} a second), {:.2} MB/s",
+        report.duration_s,
+        report.frames,
+        report.frames_per_s,
+        report.bytes_per_s / 1e6
+    );
+    println!(
+        "camera to light: p50 {}, p99 {}; first light after {}",
+        milliseconds(report.latency_ms_p50),
+        milliseconds(report.latency_ms_p99),
+        milliseconds(report.first_light_ms)
+    );
+    println!("misses: {} of {} frames; dark probes {} of {}", report.misses, report.probed_frames, report.dark_probes, report.probes);
+    if report.teleports > 0 {
+        println!(
+            "teleports: {} of {} lit, p50 {}, p99 {}",
+            report.teleports_lit,
+            report.teleports,
+            milliseconds(report.teleport_to_light_ms_p50),
+            milliseconds(report.teleport_to_light_ms_p99)
+        );
+    }
+    if let Some(warning) = &report.warning {
+        println!("warning: {warning}");
+    }
+}
