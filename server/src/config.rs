@@ -69,11 +69,6 @@ pub struct Config {
     /// - Lower: light follows the camera later.
     pub camera_rate_max_hz: f64,
 
-    /// Lamps and suns in one client's rig. Direct light costs one shadow ray a lamp and sample point.
-    /// - Higher: richer rigs, slower refresh of direct light.
-    /// - Lower: large rigs are refused with a message.
-    pub lights_max: u32,
-
     /// Ticks of the engine in a second. 60 matches the frame rate of most clients.
     /// - Higher: fresher light, more processor time.
     /// - Lower: less processor time; light lags by up to a tick.
@@ -172,7 +167,6 @@ impl Default for Config {
             keepalive_interval_s: 10.0,
             keepalive_timeout_s: 5.0,
             camera_rate_max_hz: 120.0,
-            lights_max: 256,
             tick_rate_hz: 60.0,
             loader_threads: 2,
             tile_queue: 8,

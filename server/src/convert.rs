@@ -164,7 +164,8 @@ fn camera(update: &v1::CameraUpdate) -> Option<Camera> {
 
 fn light_rig(lights: &v1::Lights, lights_max: u32) -> Result<LightRig, Refusal> {
     if lights.lights.len() > lights_max as usize {
-        let cause = format!("{} lights, this server takes {lights_max} (`lights_max`)", lights.lights.len());
+        let cause =
+            format!("{} lights, this server takes {lights_max} (`engine.lights_max`)", lights.lights.len());
         return Err(Refusal::invalid(cause));
     }
     let numbered = lights.lights.iter().enumerate();

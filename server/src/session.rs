@@ -123,7 +123,7 @@ async fn greet(shared: &Shared, inbound: &mut Streaming<ClientMessage>) -> Resul
         return Err(Refusal::new(ErrorCode::Silent, cause).into());
     };
     let Some(message) = message.map_err(End::Broken)? else { return Err(End::Left) };
-    match Request::decode(message, &shared.world, shared.config.lights_max)? {
+    match Request::decode(message, &shared.world, shared.config.engine.lights_max)? {
         Request::Hello(greeting) => Ok(greeting),
         _ => Err(Refusal::new(ErrorCode::HelloExpected, "the first message must be Hello").into()),
     }
@@ -149,7 +149,7 @@ async fn converse(
     shared.metrics.sessions_opened.inc();
     let limits = Limits {
         camera_rate_max_hz: config.camera_rate_max_hz,
-        lights_max: config.lights_max,
+        lights_max: config.engine.lights_max,
         message_bytes_max: config.message_bytes_max,
     };
     let welcome = reply::welcome(protocol, session.0, &shared.world, &shared.index, limits);
@@ -246,7 +246,7 @@ impl Conversation<'_> {
     /// Acts on one message; says how the session ends, if it does.
     fn hear(&mut self, message: ClientMessage, outbound: &Outbound) -> Option<End> {
         let config = &self.shared.config;
-        match Request::decode(message, &self.shared.world, config.lights_max) {
+        match Request::decode(message, &self.shared.world, config.engine.lights_max) {
             Ok(Request::Bye) => return Some(End::Left),
             Ok(Request::Hello(_)) => {
                 return Some(Refusal::new(ErrorCode::HelloExpected, "a second Hello").into());

@@ -78,7 +78,10 @@ impl CpuBackend {
                     if self.planned[at] {
                         return Err(BackendError::SlotTaken(*slot));
                     }
-                    if !(reflectance.is_finite() && reflectance.min_element() >= 0.0 && reflectance.max_element() <= 1.0) {
+                    if !(reflectance.is_finite()
+                        && reflectance.min_element() >= 0.0
+                        && reflectance.max_element() <= 1.0)
+                    {
                         return Err(BackendError::NotFinite(*slot));
                     }
                     self.check_shares(column)?;

@@ -353,8 +353,10 @@ mod tests {
     }
 
     fn product(a: &DenseMatrix, b: &DenseMatrix) -> DenseMatrix {
-        DenseMatrix::from_fn(a.rows(), b.columns(), |i, j| (0..a.columns()).map(|k| a.row(i)[k] * b.row(k)[j]).sum())
-            .expect("small")
+        DenseMatrix::from_fn(a.rows(), b.columns(), |i, j| {
+            (0..a.columns()).map(|k| a.row(i)[k] * b.row(k)[j]).sum()
+        })
+        .expect("small")
     }
 
     #[test]

@@ -73,8 +73,7 @@ impl Estimate {
 pub fn reciprocal(forth: Estimate, back: Estimate) -> (f64, f64) {
     let total = forth.variance + back.variance;
     let forth_weight = if total > 0.0 { back.variance / total } else { 0.5 };
-    let exchange =
-        forth_weight * forth.area * forth.share + (1.0 - forth_weight) * back.area * back.share;
+    let exchange = forth_weight * forth.area * forth.share + (1.0 - forth_weight) * back.area * back.share;
     (exchange / forth.area, exchange / back.area)
 }
 

@@ -173,7 +173,8 @@ pub fn gather(
     limits: GatherLimits,
 ) -> GatherReport {
     let n = rows.row_count();
-    let lengths = [sources.direct_exitance.len(), sources.reflectance.len(), sources.outside_irradiance.len()];
+    let lengths =
+        [sources.direct_exitance.len(), sources.reflectance.len(), sources.outside_irradiance.len()];
     assert_eq!((lengths, irradiance.len()), ([n; 3], n), "one value a row");
     let mut exitance = vec![[0.0f32; 4]; n];
     let mut next = vec![Rgb::ZERO; n];
@@ -234,17 +235,20 @@ mod tests {
         let room = ClosedBox::new(180, 5);
         let rows = sparse(&room);
         let reflectance: Vec<Rgb> = (0..180).map(|i| room.reflectance(i)).collect();
-        let direct: Vec<Rgb> = (0..180u16).map(|i| Rgb::new(f32::from(i % 7), 1.0, f32::from(i % 2))).collect();
+        let direct: Vec<Rgb> =
+            (0..180u16).map(|i| Rgb::new(f32::from(i % 7), 1.0, f32::from(i % 2))).collect();
         let outside: Vec<Rgb> = (0..180u16).map(|i| Rgb::new(0.5, f32::from(i % 3), 0.0)).collect();
         let sources =
             Sources { direct_exitance: &direct, reflectance: &reflectance, outside_irradiance: &outside };
         let mut irradiance = vec![Rgb::ZERO; 180];
-        let report = gather(&rows, sources, &mut irradiance, GatherLimits { tolerance: 1e-7, iterations_max: 200 });
+        let report =
+            gather(&rows, sources, &mut irradiance, GatherLimits { tolerance: 1e-7, iterations_max: 200 });
         assert!(report.converged && report.iterations > 10, "{report:?}");
         for channel in 0..3 {
             let of = |values: &[Rgb]| values.iter().map(|rgb| f64::from(rgb[channel])).collect::<Vec<_>>();
             let (direct, outside, reflectance) = (of(&direct), of(&outside), of(&reflectance));
-            let matrix = multibounce(&room.dense_form_factors().expect("small"), &reflectance).expect("regular");
+            let matrix =
+                multibounce(&room.dense_form_factors().expect("small"), &reflectance).expect("regular");
             let first: Vec<f64> = (0..180).map(|i| direct[i] + reflectance[i] * outside[i]).collect();
             for (i, solved) in matrix.multiply(&first).iter().enumerate() {
                 let solved = solved + outside[i];

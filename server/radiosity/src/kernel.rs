@@ -173,10 +173,12 @@ impl<T: Scalar> Kernel<T> for GatherColumns<'_, T> {
             for part in (0..T::TILE).step_by(N * S::WIDTH) {
                 let zero = [[simd.splat(T::default()); N]; R];
                 let mut total = zero;
-                for (columns, panel) in self.columns.chunks(SEGMENT).zip(self.panel.chunks(SEGMENT * T::TILE)) {
+                for (columns, panel) in self.columns.chunks(SEGMENT).zip(self.panel.chunks(SEGMENT * T::TILE))
+                {
                     let mut sum = zero;
                     let steps = columns.iter().zip(panel.chunks_exact(T::TILE));
-                    let steps = steps.map(|(&column, row)| (matrix.map(|row| row[column as usize]), &row[part..]));
+                    let steps =
+                        steps.map(|(&column, row)| (matrix.map(|row| row[column as usize]), &row[part..]));
                     accumulate(simd, steps, &mut sum);
                     for (total, sum) in total.as_flattened_mut().iter_mut().zip(sum.as_flattened()) {
                         *total = simd.add(*total, *sum);
@@ -200,13 +202,13 @@ pub(crate) struct ScatterRows<'a, T> {
     pub(crate) stride: usize,
     /// First column of the stripe, a multiple of the tile.
     pub(crate) first_column: usize,
-    /// Rows of `M` that have a column in `coefficients`, ascending.
+    /// Rows of `M` that have coefficients, ascending.
     pub(crate) rows: &'a [u32],
-    /// `Y`, a multiple of [`ROW_GROUP`] of rows.
+    /// `Y` transposed: `depth` numbers for each of `rows`.
     pub(crate) coefficients: &'a [T],
-    /// Distance of the rows of `coefficients`.
-    pub(crate) coefficient_stride: usize,
-    /// Tiles: as many rows as `Y` has, then the next tile.
+    /// Rows of `Y`, a multiple of [`ROW_GROUP`].
+    pub(crate) depth: usize,
+    /// Tiles: `depth` rows, then the next tile.
     pub(crate) out: &'a mut [T],
 }
 
@@ -216,24 +218,23 @@ const SCATTER_ROWS: usize = 16;
 impl<T: Scalar> Kernel<T> for ScatterRows<'_, T> {
     #[inline(always)]
     fn run<S: Lanes<T>, const R: usize, const N: usize>(self, simd: S) {
-        let depth = self.coefficients.len() / self.coefficient_stride.max(1);
-        for (block, rows) in self.rows.chunks(SCATTER_ROWS).enumerate() {
+        let depth = self.depth;
+        let blocks = self.rows.chunks(SCATTER_ROWS).zip(self.coefficients.chunks(SCATTER_ROWS * depth));
+        for (rows, coefficients) in blocks {
             for (tile, out) in self.out.chunks_exact_mut(depth * T::TILE).enumerate() {
                 for (group, out) in out.chunks_exact_mut(R * T::TILE).enumerate() {
-                    let coefficients = &self.coefficients[group * R * self.coefficient_stride..];
-                    let coefficients: [&[T]; R] = std::array::from_fn(|r| {
-                        &coefficients[r * self.coefficient_stride + block * SCATTER_ROWS..][..rows.len()]
-                    });
                     for part in (0..T::TILE).step_by(N * S::WIDTH) {
                         let column = self.first_column + tile * T::TILE + part;
                         let mut sum = [[simd.splat(T::default()); N]; R];
-                        let steps = rows.iter().enumerate().map(|(k, &row)| {
+                        let steps = rows.iter().zip(coefficients.chunks_exact(depth));
+                        let steps = steps.map(|(&row, coefficients)| {
                             let row = &self.matrix[row as usize * self.stride + column..];
                             if group == 0 {
                                 simd.prefetch(row, AHEAD * T::TILE);
                                 simd.prefetch(row, AHEAD * T::TILE + T::TILE / 2);
                             }
-                            (coefficients.map(|row| row[k]), row)
+                            let coefficients = &coefficients[group * R..][..R];
+                            (std::array::from_fn(|r| coefficients[r]), row)
                         });
                         accumulate(simd, steps, &mut sum);
                         for (out, sum) in out.chunks_exact_mut(T::TILE).zip(&sum) {

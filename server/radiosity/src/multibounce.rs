@@ -40,7 +40,11 @@ pub fn multibounce(form_factors: &DenseMatrix, reflectance: &[f64]) -> Result<De
 ///
 /// # Panics
 /// If there is not one reflectance a patch.
-pub fn series(form_factors: &DenseMatrix, reflectance: &[f64], bounces: u32) -> Result<DenseMatrix, DenseError> {
+pub fn series(
+    form_factors: &DenseMatrix,
+    reflectance: &[f64],
+    bounces: u32,
+) -> Result<DenseMatrix, DenseError> {
     let n = form_factors.rows();
     assert_eq!((form_factors.columns(), reflectance.len()), (n, n), "one reflectance a patch");
     let mut matrix = DenseMatrix::zeros(n, n)?;

@@ -110,7 +110,7 @@ impl Config {
         let counts = [
             ("connections_max", self.connections_max, 65_536),
             ("message_bytes_max", self.message_bytes_max, 1 << 26),
-            ("lights_max", self.lights_max, LIGHTS_MAX as u32),
+            ("engine.lights_max", self.engine.lights_max, LIGHTS_MAX as u32),
             ("loader_threads", self.loader_threads, 256),
             ("tile_queue", self.tile_queue, 4096),
             ("volume_snap_voxels", self.volume_snap_voxels, VOLUME_EDGE_MAX / 4),

@@ -24,16 +24,16 @@ use tonic::Streaming;
 use tonic::transport::Channel;
 
 /// Emitted exitance of the lamp, lm/m2.
-pub const EMITTED: Rgb = Rgb::new(10.0, 20.0, 30.0);
+pub(crate) const EMITTED: Rgb = Rgb::new(10.0, 20.0, 30.0);
 /// Reflectance of the lamp and of the wall.
-pub const REFLECTANCES: [f32; 2] = [0.5, 0.8];
+pub(crate) const REFLECTANCES: [f32; 2] = [0.5, 0.8];
 /// Form factor between them; exact in half precision.
-pub const SHARE: f32 = 0.25;
+pub(crate) const SHARE: f32 = 0.25;
 /// Where a point on the wall, and on the lamp, reads its light: in the middle of the voxel.
-pub const POSITIONS: [Vec3; 2] = [Vec3::new(4.25, 4.5, 4.5), Vec3::new(8.75, 4.5, 4.5)];
+pub(crate) const POSITIONS: [Vec3; 2] = [Vec3::new(4.25, 4.5, 4.5), Vec3::new(8.75, 4.5, 4.5)];
 
 /// Irradiance of (lamp, wall): `I_w = F (E + r_l I_l)`, `I_l = F r_w I_w`.
-pub fn closed_form() -> [Rgb; 2] {
+pub(crate) fn closed_form() -> [Rgb; 2] {
     let wall = EMITTED * SHARE / (1.0 - SHARE * SHARE * REFLECTANCES[0] * REFLECTANCES[1]);
     [wall * SHARE * REFLECTANCES[1], wall]
 }
@@ -65,7 +65,7 @@ fn chunk() -> Chunk {
 }
 
 /// Writes the world into `folder`.
-pub fn write(folder: &Path) {
+pub(crate) fn write(folder: &Path) {
     const WORLD_HASH: u64 = 0x7e57;
     let chunk = chunk();
     let bytes = encode(&chunk, &EncodeOptions::new(WORLD_HASH)).unwrap();
@@ -95,20 +95,20 @@ pub fn write(folder: &Path) {
 }
 
 /// A server in the background.
-pub struct Service {
+pub(crate) struct Service {
     /// `http://address` for clients.
-    pub uri: String,
+    pub(crate) uri: String,
     /// `address:port` for clients.
-    pub address: String,
+    pub(crate) address: String,
     /// `address:port` for operators.
-    pub admin: String,
+    pub(crate) admin: String,
     stop: Option<oneshot::Sender<()>>,
     ended: JoinHandle<Result<(), ServerError>>,
     _folder: TempDir,
 }
 
 /// Free ports, and time-outs that tests do not notice.
-pub fn config(folder: &Path) -> Config {
+pub(crate) fn config(folder: &Path) -> Config {
     let free = "127.0.0.1:0".parse().unwrap();
     Config {
         world: folder.to_owned(),
@@ -121,7 +121,7 @@ pub fn config(folder: &Path) -> Config {
 
 impl Service {
     /// The two plates, served with what `change` makes of the test's configuration.
-    pub async fn start(change: impl FnOnce(&mut Config)) -> Self {
+    pub(crate) async fn start(change: impl FnOnce(&mut Config)) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let world = folder.path().join("plates");
         std::fs::create_dir(&world).unwrap();
@@ -136,23 +136,23 @@ impl Service {
     }
 
     /// Asks it to stop, without waiting.
-    pub fn ask_to_stop(&mut self) {
+    pub(crate) fn ask_to_stop(&mut self) {
         drop(self.stop.take().map(|stop| stop.send(())));
     }
 
     /// Stops it; it must drain in time and without an error.
-    pub async fn stop(mut self) {
+    pub(crate) async fn stop(mut self) {
         self.ask_to_stop();
         self.join().await.unwrap();
     }
 
     /// Waits for its end.
-    pub async fn join(self) -> Result<(), ServerError> {
+    pub(crate) async fn join(self) -> Result<(), ServerError> {
         within(self.ended).await.unwrap()
     }
 
     /// Status line and body of an operators' page.
-    pub async fn get(&self, path: &str) -> (String, String) {
+    pub(crate) async fn get(&self, path: &str) -> (String, String) {
         let mut stream = TcpStream::connect(&self.admin).await.unwrap();
         let request = format!("GET {path} HTTP/1.1\r\nhost: test\r\nconnection: close\r\n\r\n");
         stream.write_all(request.as_bytes()).await.unwrap();
@@ -163,14 +163,14 @@ impl Service {
     }
 
     /// The value of the metric `name`.
-    pub async fn metric(&self, name: &str) -> f64 {
+    pub(crate) async fn metric(&self, name: &str) -> f64 {
         let (_, text) = self.get("/metrics").await;
         let line = text.lines().find(|line| line.split(' ').next() == Some(name));
         line.unwrap_or_else(|| panic!("no {name} in\n{text}")).rsplit(' ').next().unwrap().parse().unwrap()
     }
 
     /// Waits until the metric `name` is at least `value`.
-    pub async fn metric_reaches(&self, name: &str, value: f64) {
+    pub(crate) async fn metric_reaches(&self, name: &str, value: f64) {
         within(async {
             while self.metric(name).await < value {
                 tokio::time::sleep(Duration::from_millis(5)).await;
@@ -181,19 +181,19 @@ impl Service {
 }
 
 /// No test waits longer than this for anything.
-pub async fn within<T>(waiting: impl Future<Output = T>) -> T {
+pub(crate) async fn within<T>(waiting: impl Future<Output = T>) -> T {
     tokio::time::timeout(Duration::from_secs(10), waiting).await.expect("in time")
 }
 
 /// A session without the client library.
-pub struct Raw {
-    pub to_server: mpsc::Sender<v1::ClientMessage>,
-    pub from_server: Streaming<v1::ServerMessage>,
+pub(crate) struct Raw {
+    pub(crate) to_server: mpsc::Sender<v1::ClientMessage>,
+    pub(crate) from_server: Streaming<v1::ServerMessage>,
 }
 
 impl Raw {
     /// A stream on which nothing has been said.
-    pub async fn open(uri: &str) -> Self {
+    pub(crate) async fn open(uri: &str) -> Self {
         let channel = Channel::from_shared(uri.to_owned()).unwrap().connect().await.unwrap();
         let (to_server, outgoing) = mpsc::channel(64);
         let answer = LightingClient::new(channel).session(ReceiverStream::new(outgoing)).await.unwrap();
@@ -201,7 +201,7 @@ impl Raw {
     }
 
     /// A session that is welcome.
-    pub async fn greeted(uri: &str) -> Self {
+    pub(crate) async fn greeted(uri: &str) -> Self {
         let mut raw = Self::open(uri).await;
         raw.say(Message::Hello(hello())).await;
         let welcome = raw.hear().await;
@@ -209,18 +209,18 @@ impl Raw {
         raw
     }
 
-    pub async fn say(&self, message: Message) {
+    pub(crate) async fn say(&self, message: Message) {
         self.to_server.send(v1::ClientMessage { message: Some(message) }).await.unwrap();
     }
 
-    pub async fn say_camera(&self, sequence: u64, x: f32) {
+    pub(crate) async fn say_camera(&self, sequence: u64, x: f32) {
         let position = Some(v1::Vector3 { x, y: 4.5, z: 4.5 });
         self.say(Message::Camera(v1::CameraUpdate { sequence, position, ..v1::CameraUpdate::default() }))
             .await;
     }
 
     /// The next message that is not statistics.
-    pub async fn hear(&mut self) -> server_message::Message {
+    pub(crate) async fn hear(&mut self) -> server_message::Message {
         loop {
             let message =
                 within(self.from_server.message()).await.unwrap().expect("a message before the end");
@@ -232,7 +232,7 @@ impl Raw {
     }
 
     /// The next delta; volumes are passed over.
-    pub async fn hear_delta(&mut self) -> v1::Delta {
+    pub(crate) async fn hear_delta(&mut self) -> v1::Delta {
         loop {
             match self.hear().await {
                 server_message::Message::Delta(delta) => return delta,
@@ -243,7 +243,7 @@ impl Raw {
     }
 
     /// The fatal error that ends the stream.
-    pub async fn hear_end(&mut self) -> v1::Error {
+    pub(crate) async fn hear_end(&mut self) -> v1::Error {
         loop {
             match self.hear().await {
                 server_message::Message::Error(error) => {
@@ -258,7 +258,7 @@ impl Raw {
     }
 }
 
-pub fn hello() -> v1::Hello {
+pub(crate) fn hello() -> v1::Hello {
     let [protocol_min, protocol_max] = [earthshine_protocol::PROTOCOL_MIN, earthshine_protocol::PROTOCOL_MAX];
     v1::Hello { protocol_min, protocol_max, client_name: "test".to_owned(), ..v1::Hello::default() }
 }

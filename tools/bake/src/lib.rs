@@ -3,7 +3,7 @@
 //! The stages, in order, each a module:
 //!
 //! 1. [`sample`]: triangles are cut at voxel faces ([`clip`]) and covered with points, each side its own;
-//! 2. [`buried`]: points that see mostly back faces are dropped;
+//! 2. [`exposure`]: points inside of something are dropped, points in crevices marked;
 //! 3. [`patches`]: what faces one direction in one voxel becomes a patch;
 //! 4. [`rows`]: cosine-weighted rays from each patch; what they hit is its row;
 //! 5. [`reciprocity`]: both estimates of each pair become one, and rows sum to one again;
@@ -12,11 +12,11 @@
 //! The bytes depend on the scene, the parameters and the seed alone: not on threads, nor on whether the bake
 //! was interrupted ([`checkpoint`]). Start at [`bake`].
 
-pub mod buried;
 pub mod checkpoint;
 pub mod clip;
 pub mod emit;
 mod error;
+pub mod exposure;
 pub mod identity;
 pub mod patches;
 mod progress;

@@ -112,12 +112,22 @@ fn morton(local: [i32; 3]) -> u32 {
     spread(local[0]) | spread(local[1]) << 1 | spread(local[2]) << 2
 }
 
+/// Open samples where there are any, else all.
+fn exposed<'r>(
+    run: &'r [Contribution],
+    samples: &'r [SurfaceSample],
+) -> impl Iterator<Item = &'r Contribution> + 'r {
+    let is_hidden = |contribution: &Contribution| samples[contribution.sample as usize].is_hidden;
+    let all = run.iter().all(is_hidden);
+    run.iter().filter(move |contribution| all || !is_hidden(contribution))
+}
+
 fn merge(run: &[Contribution], samples: &[SurfaceSample], voxel: VoxelCoord, direction: Direction) -> BakePatch {
     let mut area = 0.0f64;
     let mut centroid = glam::DVec3::ZERO;
     let (mut reflectance, mut emission) = (glam::DVec3::ZERO, glam::DVec3::ZERO);
     let mut cumulated = Vec::with_capacity(run.len());
-    for contribution in run {
+    for contribution in exposed(run, samples) {
         let sample = &samples[contribution.sample as usize];
         let weight = f64::from(contribution.weight);
         area += weight;
@@ -172,6 +182,7 @@ mod tests {
             area,
             reflectance: Rgb::splat(0.5),
             emission: Rgb::ZERO,
+            is_hidden: false,
         }
     }
 

@@ -7,8 +7,8 @@ pub enum Stage {
     Tree,
     /// Covering surfaces with points; counted in triangles.
     Sample,
-    /// Dropping buried points; counted in points.
-    Buried,
+    /// Telling open, hidden and buried points apart; counted in points.
+    Exposure,
     /// Tracing rows; counted in rays.
     Rows,
     /// Averaging and balancing rows; counted in rows.
@@ -20,7 +20,7 @@ pub enum Stage {
 impl Stage {
     /// All stages, in order.
     pub const ALL: [Self; 6] =
-        [Self::Tree, Self::Sample, Self::Buried, Self::Rows, Self::Reciprocity, Self::Tiles];
+        [Self::Tree, Self::Sample, Self::Exposure, Self::Rows, Self::Reciprocity, Self::Tiles];
 
     /// Lower-case name, as in summaries.
     #[must_use]
@@ -28,7 +28,7 @@ impl Stage {
         match self {
             Self::Tree => "tree",
             Self::Sample => "sample",
-            Self::Buried => "buried",
+            Self::Exposure => "exposure",
             Self::Rows => "rows",
             Self::Reciprocity => "reciprocity",
             Self::Tiles => "tiles",
@@ -40,7 +40,7 @@ impl Stage {
     pub fn unit(self) -> &'static str {
         match self {
             Self::Tree | Self::Sample => "triangles",
-            Self::Buried => "points",
+            Self::Exposure => "points",
             Self::Rows => "rays",
             Self::Reciprocity => "rows",
             Self::Tiles => "tiles",

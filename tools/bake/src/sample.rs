@@ -36,6 +36,8 @@ pub struct SurfaceSample {
     pub reflectance: Rgb,
     /// `pi * L` that leaves this side, lm/m2.
     pub emission: Rgb,
+    /// Lies in a crevice: see [`crate::exposure`].
+    pub is_hidden: bool,
 }
 
 /// The voxel that a point on a side with unit `normal` belongs to. The one rule for points and for hits.
@@ -92,6 +94,7 @@ pub fn sample_triangle(
                         area,
                         reflectance: surface.reflectance,
                         emission: surface.emitted_radiance * std::f32::consts::PI,
+                        is_hidden: false,
                     });
                 }
             });

@@ -1,8 +1,8 @@
 //! The stages of a bake, run in order.
 
-use crate::buried::is_buried;
 use crate::checkpoint::Checkpoints;
 use crate::emit::{Emitter, occluders_by_chunk};
+use crate::exposure::{Exposure, ExposureTest};
 use crate::patches::PatchSet;
 use crate::progress::{Progress, Stage};
 use crate::rows::{RAY_OFFSET, RawRow, trace_row};
@@ -67,10 +67,10 @@ pub fn bake(
     let samples = covered(scene, parameters, progress);
     clock.summary.samples = samples.len() as u64;
     clock.end(Stage::Sample);
-    let samples = unburied(&tracer, samples, parameters, progress);
+    let samples = exposed(&tracer, samples, parameters, progress);
     clock.summary.buried_samples = clock.summary.samples - samples.len() as u64;
     let set = PatchSet::group(&samples, parameters);
-    clock.end(Stage::Buried);
+    clock.end(Stage::Exposure);
     if set.is_empty() {
         return Err(BakeError::NoPatches { voxel_edge_m: parameters.grid.voxel_edge_m });
     }
@@ -175,29 +175,36 @@ fn covered(scene: &Scene, parameters: &BakeParameters, progress: &dyn Progress) 
     batches.concat()
 }
 
-fn unburied(
+/// Drops buried samples and marks hidden ones.
+fn exposed(
     tracer: &SceneTracer<'_>,
-    samples: Vec<SurfaceSample>,
+    mut samples: Vec<SurfaceSample>,
     parameters: &BakeParameters,
     progress: &dyn Progress,
 ) -> Vec<SurfaceSample> {
     if parameters.buried_rays == 0 {
         return samples;
     }
-    progress.begin(Stage::Buried, samples.len() as u64);
-    let offset = RAY_OFFSET * parameters.grid.voxel_edge_m;
-    let keep: Vec<bool> = samples
+    progress.begin(Stage::Exposure, samples.len() as u64);
+    let voxel_edge_m = parameters.grid.voxel_edge_m;
+    let off_surface_m = RAY_OFFSET * voxel_edge_m;
+    let (rays, seed) = (parameters.buried_rays, parameters.seed);
+    let test = ExposureTest { tracer, rays, voxel_edge_m, off_surface_m, seed };
+    let exposures: Vec<Exposure> = samples
         .par_chunks(BATCH)
         .enumerate()
         .flat_map_iter(|(batch, run)| {
             progress.advance(run.len() as u64);
-            run.iter().enumerate().map(move |(i, sample)| {
-                let key = (batch * BATCH + i) as u64;
-                !is_buried(tracer, sample, parameters.buried_rays, offset, key, parameters.seed)
-            })
+            let test = &test;
+            run.iter().enumerate().map(move |(i, sample)| test.of(sample, (batch * BATCH + i) as u64))
         })
         .collect();
-    samples.into_iter().zip(keep).filter_map(|(sample, kept)| kept.then_some(sample)).collect()
+    for (sample, exposure) in samples.iter_mut().zip(&exposures) {
+        sample.is_hidden = *exposure == Exposure::Hidden;
+    }
+    let mut kept = exposures.iter().map(|exposure| *exposure != Exposure::Buried);
+    samples.retain(|_| kept.next().unwrap_or(true));
+    samples
 }
 
 fn traced(

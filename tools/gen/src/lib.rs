@@ -10,10 +10,10 @@
 //! |---|---|
 //! | [`options`] | which world, how large |
 //! | [`material`], [`mesh`] | triangles by material, in metres |
-//! | [`masonry`] | walls, rooms and openings as one watertight rectilinear solid |
-//! | [`solids`] | cones, blobs and gables: what masonry cannot be |
-//! | [`glb`], [`document`] | meshes, instances and lamps as a binary glTF 2.0 file |
-//! | [`cornell`], [`furnace`], [`rooms`], [`corridor`] | closed worlds |
+//! | `masonry` | walls, rooms and openings as one watertight rectilinear solid |
+//! | `solids` | cones, blobs and gables: what masonry cannot be |
+//! | `glb`, `document` | meshes, instances and lamps as a binary glTF 2.0 file |
+//! | `cornell`, `furnace`, `rooms`, `corridor` | closed worlds |
 //! | [`town`] | streets, houses, squares, cell by cell |
 //! | [`fixtures`] | ready worlds for the tests of other packages |
 

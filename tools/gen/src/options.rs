@@ -89,7 +89,7 @@ impl GenOptions {
     /// Edge of one town cell: a block and half of the streets around it, m.
     pub const TOWN_CELL_M: f32 = 40.0;
     /// Triangles of a town cell unless a total is asked for.
-    pub const TOWN_CELL_TRIANGLES: u64 = 8_000;
+    pub const TOWN_CELL_TRIANGLES: u64 = 11_000;
     /// Largest edge of a town, m.
     pub const TOWN_SIZE_MAX_M: f32 = 8_000.0;
     /// Longest corridor, m.

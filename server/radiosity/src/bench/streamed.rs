@@ -98,7 +98,8 @@ impl Streamed {
         let (mut row, mut column) = (Vec::new(), Vec::new());
         for (at, other) in self.resident.iter().enumerate() {
             if let Some(other) = *other {
-                let (forth, back) = (self.room.form_factor(patch, other), self.room.form_factor(other, patch));
+                let (forth, back) =
+                    (self.room.form_factor(patch, other), self.room.form_factor(other, patch));
                 if forth > 0.0 {
                     row.push((Slot(at as u32), forth));
                     column.push((Slot(at as u32), back));

@@ -12,8 +12,9 @@ fn exact_updates_stay_exact_and_truncated_ones_do_not() {
         ticks.set(ticks.get() + 1.0);
         ticks.get()
     };
-    let figures = measure_matrix(MatrixBenchParams { m: 120, swaps: 2_000, block: 7, seed: 1, clock: &clock })
-        .expect("a small bench");
+    let figures =
+        measure_matrix(MatrixBenchParams { m: 120, swaps: 2_000, block: 7, seed: 1, clock: &clock })
+            .expect("a small bench");
     assert!(figures.exact_error_rel < 1e-5 && figures.exact_frobenius_rel < 1e-5, "{figures:?}");
     assert!(figures.drift_rel < 1e-5 && figures.repairs == 0, "{figures:?}");
     assert!(figures.truncated_error_rel > 0.1, "{figures:?}");

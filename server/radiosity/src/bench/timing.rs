@@ -59,7 +59,9 @@ pub(super) fn measure(
     let mut to = vec![0.0f32; from.len()];
     for copy in &mut copy {
         let start = clock();
-        to.par_chunks_mut(1 << 16).zip(from.par_chunks(1 << 16)).for_each(|(to, from)| to.copy_from_slice(from));
+        to.par_chunks_mut(1 << 16)
+            .zip(from.par_chunks(1 << 16))
+            .for_each(|(to, from)| to.copy_from_slice(from));
         *copy = clock() - start;
     }
     Ok(Timing {

@@ -90,10 +90,14 @@ fn an_error_leaves_no_trace() {
         assert_eq!(backend.apply(&batch), Err(expected));
         assert_eq!(backend.step().map(|stats| stats.recomputed), Ok(false));
     }
-    let unreal = Update::Add { slot: Slot(5), reflectance: Rgb::splat(f32::NAN), row: vec![], column: vec![] };
+    let unreal =
+        Update::Add { slot: Slot(5), reflectance: Rgb::splat(f32::NAN), row: vec![], column: vec![] };
     assert_eq!(backend.apply(&[unreal]), Err(BackendError::NotFinite(Slot(5))));
     let two = [Slot(0), Slot(5)];
-    assert_eq!(backend.set_sources(&two, &[Rgb::ONE; 2], &[Rgb::ONE; 2]), Err(BackendError::SlotFree(Slot(5))));
+    assert_eq!(
+        backend.set_sources(&two, &[Rgb::ONE; 2], &[Rgb::ONE; 2]),
+        Err(BackendError::SlotFree(Slot(5)))
+    );
     let dark = [Rgb::ONE, Rgb::splat(-1.0)];
     let error = backend.set_sources(&slots[..2], &dark, &dark);
     assert_eq!(error, Err(BackendError::NotFinite(slots[1])));
@@ -148,9 +152,8 @@ fn threads_do_not_change_a_bit() {
         backend.read_irradiance(&slots, &mut irradiance).expect("taken");
         (irradiance, backend.drift(3))
     };
-    let on = |threads| {
-        rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool").install(live)
-    };
+    let on =
+        |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool").install(live);
     let (one, two) = (on(1), on(2));
     assert!(one.0[0].max_element() > 0.1, "{:?}", one.0[0]);
     assert!(one == two);
@@ -171,9 +174,8 @@ fn the_probe_finds_a_fault_and_resolve_repairs_it() {
     backend.apply(&streamed.enter(130)).expect("free");
     backend.apply(&streamed.leave(17)).expect("resident");
     assert!(backend.drift(1) < 1e-6, "{}", backend.drift(1));
-    let brightest = (0..130).max_by_key(|&slot| {
-        (backend.matrix().entry(1, streamed.taken()[0], Slot(slot)) * 1e6) as u32
-    });
+    let brightest = (0..130)
+        .max_by_key(|&slot| (backend.matrix().entry(1, streamed.taken()[0], Slot(slot)) * 1e6) as u32);
     let row = streamed.taken()[0].0 as usize;
     backend.matrix_mut().corrupt(1, row, brightest.expect("130 slots") as usize, 1.5);
     assert!(backend.drift(1) > 1e-5, "{}", backend.drift(1));

@@ -69,8 +69,13 @@ fn gathered_columns_are_the_plain_product() {
     }
     for set in InstructionSet::available() {
         let mut out = vec![9.0f32; ROWS * f32::TILE];
-        let kernel =
-            GatherColumns { matrix: &matrix, stride: STRIDE, columns: &columns, panel: &panel, out: &mut out };
+        let kernel = GatherColumns {
+            matrix: &matrix,
+            stride: STRIDE,
+            columns: &columns,
+            panel: &panel,
+            out: &mut out,
+        };
         f32::dispatch(set, kernel);
         assert_close(&out, &expected, set);
     }
@@ -84,7 +89,7 @@ fn scattered_rows_are_the_plain_product() {
     let mut expected = vec![0.0f64; DEPTH * STRIDE];
     for (b, j) in (0..DEPTH).flat_map(|b| (0..STRIDE - 32).map(move |j| (b, j))) {
         let terms = rows.iter().enumerate().map(|(k, &i)| {
-            f64::from(coefficients[b * rows.len() + k]) * f64::from(matrix[i as usize * STRIDE + j + 32])
+            f64::from(coefficients[k * DEPTH + b]) * f64::from(matrix[i as usize * STRIDE + j + 32])
         });
         expected[b * STRIDE + j] = terms.sum();
     }
@@ -98,7 +103,7 @@ fn scattered_rows_are_the_plain_product() {
             first_column: 32,
             rows: &rows,
             coefficients: &coefficients,
-            coefficient_stride: rows.len(),
+            depth: DEPTH,
             out: &mut out,
         };
         f32::dispatch(set, kernel);

@@ -140,11 +140,11 @@ impl LocalMatrix {
             let Workspace { operand, named, index, .. } = &mut self.workspace;
             operand[..depth * named.len()].fill(0.0);
             for (place, arrival) in arrivals.iter().enumerate() {
-                let row = &mut operand[place * named.len()..][..named.len()];
                 for &(slot, share) in arrival.row {
                     let slot = slot.0 as usize;
                     if self.taken[slot] {
-                        row[index[slot] as usize] += self.reflectance[slot][channel] * share;
+                        operand[index[slot] as usize * depth + place] +=
+                            self.reflectance[slot][channel] * share;
                     }
                 }
             }
@@ -174,7 +174,7 @@ impl LocalMatrix {
                 first_column: 0,
                 rows: named,
                 coefficients: &operand[..depth * named.len()],
-                coefficient_stride: named.len(),
+                depth: *depth,
                 out: &mut sums[..depth * TILE],
             };
             f32::dispatch(self.instructions, kernel);
@@ -274,7 +274,6 @@ impl LocalMatrix {
         }
     }
 }
-
 
 /// Entries that name one of the first `before` patches of the block: its place, the share.
 fn within_block<'a>(

@@ -178,7 +178,7 @@ impl LocalMatrix {
                 first_column: stripe * STRIPE_TILES * TILE,
                 rows: named,
                 coefficients,
-                coefficient_stride: named.len(),
+                depth,
                 out,
             };
             f32::dispatch(set, kernel);

@@ -88,7 +88,8 @@ fn add_then_remove_is_the_identity() {
 #[test]
 fn blocks_equal_singles() {
     let mut streamed = Streamed::new(ClosedBox::new(150, 8), 90, 8);
-    let (mut blocks, mut singles) = (LocalMatrix::new(90).expect("small"), LocalMatrix::new(90).expect("small"));
+    let (mut blocks, mut singles) =
+        (LocalMatrix::new(90).expect("small"), LocalMatrix::new(90).expect("small"));
     for (leave, enter) in [(0, 90), (32, 32), (10, 9)] {
         for updates in [streamed.leave(leave), streamed.enter(enter)] {
             apply(&mut blocks, &updates, 32);
@@ -124,7 +125,12 @@ fn the_truncated_update_is_visibly_wrong() {
     let error = streamed.error_of(&matrix).expect("small");
     assert!(error.irradiance_rel > 0.01, "{error:?}");
     let light = |entry: &dyn Fn(Slot, Slot) -> f64| -> f64 {
-        streamed.taken().iter().flat_map(|&i| streamed.taken().into_iter().map(move |j| (i, j))).map(|(i, j)| entry(i, j)).sum()
+        streamed
+            .taken()
+            .iter()
+            .flat_map(|&i| streamed.taken().into_iter().map(move |j| (i, j)))
+            .map(|(i, j)| entry(i, j))
+            .sum()
     };
     let mut exact = LocalMatrix::new(60).expect("small");
     std::mem::swap(&mut exact.rows, &mut matrix.rows);

@@ -26,7 +26,8 @@ impl RowSink {
         let rows = ChunkRows {
             segments,
             row_starts,
-            columns: Vec::with_capacity(nonzero_limit),
+            // Columns are appended by eights and cut back.
+            columns: Vec::with_capacity(nonzero_limit + 8),
             shares: Vec::with_capacity(nonzero_limit),
             sky_shares: Vec::with_capacity(row_count),
             absorbed_shares: Vec::with_capacity(row_count),
@@ -176,7 +177,8 @@ fn row_lengths(bytes: &[u8]) -> impl Iterator<Item = u32> + '_ {
 /// Top bits of eight bytes: none set means eight gaps of one byte.
 const CONTINUATION_BITS: u64 = 0x8080_8080_8080_8080;
 
-/// Decodes the columns of all rows of a group. Eight at a time where gaps are short, which most are.
+/// Decodes the columns of all rows of a group: as many as eight at a time up to the next gap that takes
+/// more than a byte, which few do.
 fn decode_gaps(
     mut gaps: &[u8],
     lengths: &[u8],
@@ -187,17 +189,22 @@ fn decode_gaps(
         let mut row = RowKeys { key: u64::MAX, place: u64::MAX, segments };
         let mut remaining = length as usize;
         while remaining > 0 {
-            if remaining >= 8
-                && let Some((word, rest)) = gaps.split_first_chunk::<8>()
-                && u64::from_le_bytes(*word) & CONTINUATION_BITS == 0
-            {
-                row.push_eight(*word, columns)?;
-                (gaps, remaining) = (rest, remaining - 8);
-            } else {
-                let gap = take_varint(&mut gaps)?;
-                columns.push(row.next_column(gap)?);
-                remaining -= 1;
+            if let Some(word) = gaps.first_chunk::<8>() {
+                let word = u64::from_le_bytes(*word);
+                let short = (word & CONTINUATION_BITS).trailing_zeros() as usize / 8;
+                let count = short.min(remaining);
+                if count > 0 {
+                    row.push_short(word, count, columns)?;
+                    gaps = &gaps[count..];
+                    remaining -= count;
+                }
+                if short == 8 || remaining == 0 {
+                    continue;
+                }
             }
+            let gap = take_varint(&mut gaps)?;
+            columns.push(row.next_column(gap)?);
+            remaining -= 1;
         }
         row.check_run()?;
     }
@@ -227,21 +234,27 @@ impl RowKeys<'_> {
         Ok(Column { segment: segment.segment, local: key as u16 })
     }
 
+    /// Appends the columns of the lowest `count` (1 to 8) of eight gaps of one byte each.
     #[inline]
-    fn push_eight(&mut self, gaps: [u8; 8], columns: &mut Vec<Column>) -> Decoded<()> {
-        let steps = Steps::of(gaps);
-        let key = self.key.wrapping_add(steps.total());
+    fn push_short(&mut self, word: u64, count: usize, columns: &mut Vec<Column>) -> Decoded<()> {
+        let unused = 8 - count;
+        let word = word & (u64::MAX >> (8 * unused));
+        let steps = Steps::of(word);
+        let key = self.key.wrapping_add(steps.total() - unused as u64);
         // Keys ascend: if the last is of the segment of the one before the first, all are.
         if key >> 16 == self.place
             && let Some(found) = self.segments.get(self.place as usize)
         {
             let locals = steps.locals_after(self.key as u16);
             self.key = key;
+            // Always eight, then back: cheaper than a loop whose length nobody can predict.
+            let end = columns.len() + count;
             columns.extend_from_slice(&locals.map(|local| Column { segment: found.segment, local }));
+            columns.truncate(end);
             return Ok(());
         }
-        for gap in gaps {
-            let column = self.next_column(u64::from(gap))?;
+        for gap in &word.to_le_bytes()[..count] {
+            let column = self.next_column(u64::from(*gap))?;
             columns.push(column);
         }
         Ok(())
@@ -268,8 +281,7 @@ impl Steps {
     const LANES: u64 = 0x0001_0001_0001_0001;
 
     #[inline]
-    fn of(gaps: [u8; 8]) -> Self {
-        let word = u64::from_le_bytes(gaps);
+    fn of(word: u64) -> Self {
         let even = (word & (Self::LANES * 0xFF)).wrapping_mul(Self::LANES);
         let odd = (word >> 8 & (Self::LANES * 0xFF)).wrapping_mul(Self::LANES);
         // Gaps are below 128: no lane overflows.
@@ -320,7 +332,7 @@ mod tests {
                 key += 1 + u16::from(gap);
                 key
             });
-            let steps = Steps::of(gaps);
+            let steps = Steps::of(u64::from_le_bytes(gaps));
             assert_eq!(steps.locals_after(1000), expected);
             assert_eq!(steps.total(), u64::from(key - 1000));
         }

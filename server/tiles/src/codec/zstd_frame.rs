@@ -8,6 +8,8 @@ use zstd::zstd_safe::{
 };
 
 const ZSTD_MAGIC: [u8; 4] = [0x28, 0xB5, 0x2F, 0xFD];
+/// Shortest match: shorter ones save 1 % of a row's bytes and cost a tenth of its decoding.
+const MATCH_MIN: u32 = 6;
 /// What a flush may add to a block: its header and a table that did not pay.
 const FLUSH_BYTES_MAX: usize = 512;
 
@@ -29,8 +31,7 @@ impl Packer {
         let context = &mut self.context;
         context.reset(ResetDirective::SessionAndParameters).map_err(message)?;
         context.set_parameter(CParameter::CompressionLevel(self.level)).map_err(message)?;
-        if let Ok(v)=std::env::var("MM") { context.set_parameter(CParameter::MinMatch(v.parse().unwrap())).map_err(message)?; }
- if let Ok(v)=std::env::var("LV") { context.set_parameter(CParameter::CompressionLevel(v.parse().unwrap())).map_err(message)?; }
+        context.set_parameter(CParameter::MinMatch(MATCH_MIN)).map_err(message)?;
         context.set_pledged_src_size(Some(total as u64)).map_err(message)?;
         let mut frame = Vec::with_capacity(compress_bound(total) + (parts.len() + 1) * FLUSH_BYTES_MAX);
         let mut output = OutBuffer::around(&mut frame);

@@ -1,0 +1,124 @@
+//! How exposed a point is: open, hidden in a crevice, or buried.
+//!
+//! *Buried* points lie inside of something closed (floor under a box, inside of a wall): most of their rays
+//! end on back faces, and no path from them finds light. They get no patch, or their darkness would leak
+//! through interpolation. Back faces alone do not tell: both sides of a triangle reflect, and many rooms are
+//! modelled with their walls facing out.
+//!
+//! *Hidden* points see almost nothing but surfaces much nearer than a voxel (ceiling behind a lamp, wall behind
+//! a picture). Others hardly see them, so they must not share in the mean light of their voxel; they count
+//! only where a patch has nothing else.
+
+use crate::sample::SurfaceSample;
+use earthshine_trace::hemisphere::{cosine_direction, spread_pair};
+use earthshine_trace::{Hit, SceneTracer};
+use earthshine_world::random::{Purpose, hash, unit_pair};
+use earthshine_world::{Light, Vec3};
+
+/// What becomes of a point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Exposure {
+    /// Stands for its area.
+    Open,
+    /// Stands for its area where nothing else does.
+    Hidden,
+    /// Left out.
+    Buried,
+}
+
+/// More back faces than this share of its rays make a point suspect.
+const BACK_SHARE: f32 = 0.5;
+/// More surfaces near by than this share of its rays make a point hidden. A corner of three walls stays below.
+const NEAR_SHARE: f32 = 0.8;
+/// What is near: this share of a voxel's edge.
+const NEAR_VOXELS: f32 = 0.25;
+/// Rays after which a clear case is decided.
+const FIRST_RAYS: u32 = 8;
+/// Paths, and segments of each, that look for light from a suspect point.
+const LIGHT_PATHS: u64 = 16;
+const LIGHT_PATH_SEGMENTS: u64 = 16;
+
+/// Tells the exposure of points; one for a whole bake.
+#[derive(Debug)]
+pub struct ExposureTest<'a> {
+    /// The scene.
+    pub tracer: &'a SceneTracer<'a>,
+    /// Most rays a point; most points need [`FIRST_RAYS`].
+    pub rays: u32,
+    /// m.
+    pub voxel_edge_m: f32,
+    /// How far rays begin off their surface, m.
+    pub off_surface_m: f32,
+    /// Of the bake.
+    pub seed: u64,
+}
+
+impl ExposureTest<'_> {
+    /// How exposed `sample` is; `key` is its number.
+    #[must_use]
+    pub fn of(&self, sample: &SurfaceSample, key: u64) -> Exposure {
+        let (shift_u, shift_v) = unit_pair(hash(self.seed, Purpose::BuriedTest, key, 0));
+        let origin = sample.position + sample.normal * self.off_surface_m;
+        let (mut back, mut near) = (0, 0);
+        for index in 0..self.rays {
+            let (u, v) = spread_pair(index, shift_u, shift_v);
+            let direction = cosine_direction(sample.normal, u, v);
+            if let Some(hit) = self.tracer.closest(origin, direction, 0.0, f32::INFINITY) {
+                back += u32::from(self.is_back(&hit));
+                near += u32::from(hit.distance < NEAR_VOXELS * self.voxel_edge_m);
+            }
+            if index + 1 == FIRST_RAYS && back == 0 && near < FIRST_RAYS / 2 {
+                return Exposure::Open;
+            }
+        }
+        let limit = |share: f32| self.rays as f32 * share;
+        if back as f32 > limit(BACK_SHARE) && !self.finds_light(origin, sample.normal, key) {
+            Exposure::Buried
+        } else if near as f32 > limit(NEAR_SHARE) {
+            Exposure::Hidden
+        } else {
+            Exposure::Open
+        }
+    }
+
+    fn is_back(&self, hit: &Hit) -> bool {
+        let scene = self.tracer.scene();
+        !hit.front && !scene.materials[scene.material_of[hit.triangle] as usize].double_sided
+    }
+
+    /// Whether any of some random paths meets the sky, an emitter, or a place that a lamp shines on.
+    fn finds_light(&self, origin: Vec3, normal: Vec3, key: u64) -> bool {
+        (0..LIGHT_PATHS).any(|path| {
+            let (mut place, mut side) = (origin, normal);
+            for segment in 0..LIGHT_PATH_SEGMENTS {
+                if self.sees_lamp(place) {
+                    return true;
+                }
+                let index = 1 + path * LIGHT_PATH_SEGMENTS + segment;
+                let (u, v) = unit_pair(hash(self.seed, Purpose::BuriedTest, key, index));
+                let direction = cosine_direction(side, u, v);
+                let Some(hit) = self.tracer.closest(place, direction, 0.0, f32::INFINITY) else { return true };
+                let surface = self.tracer.scene().surface(hit.triangle, hit.u, hit.v, hit.front);
+                if surface.emitted_radiance != Vec3::ZERO {
+                    return true;
+                }
+                place = place + direction * hit.distance + hit.normal * self.off_surface_m;
+                side = hit.normal;
+            }
+            false
+        })
+    }
+
+    /// Whether a lamp of the scene is in sight. The sun is not asked: whoever sees it sees the sky.
+    fn sees_lamp(&self, place: Vec3) -> bool {
+        self.tracer.scene().lights.iter().any(|light| match *light {
+            Light::Directional { .. } => false,
+            Light::Point { position, range_m, .. } | Light::Spot { position, range_m, .. } => {
+                let offset = position - place;
+                let distance = offset.length();
+                range_m.is_none_or(|range| distance < range)
+                    && self.tracer.is_clear(place, offset / distance.max(f32::MIN_POSITIVE), 0.0, distance)
+            }
+        })
+    }
+}
