@@ -316,6 +316,40 @@ mod tests {
         assert!(mailbox.lock().camera.is_none());
     }
 
+    /// Goal: an engine that breaks ends the service with its own words. Method: a backend that panics when built.
+    #[tokio::test]
+    async fn a_thread_that_breaks_says_why() {
+        use earthshine_world::{Bounds, ChunkCoord, ChunkSummary, Grid, LightRig, WorldIndex};
+        let id = ChunkId::new(0, ChunkCoord::ZERO);
+        let index = WorldIndex {
+            grid: Grid { voxel_edge_m: 1.0, chunk_edge_voxels: 16 },
+            bounds: Bounds { min: Vec3::ZERO, max: Vec3::ONE },
+            chunks: vec![ChunkSummary { id, patch_count: 1, nonzero_count: 0, tile_bytes: 1 }],
+            lights: LightRig::emission_only(),
+        };
+        let engine = Engine::new(index, Default::default(), Box::new(|_| panic!("no such device"))).unwrap();
+        let metrics = Arc::new(Metrics::new());
+        let (open, openings) = mpsc::channel(1);
+        let (_answers, tiles) = std::sync::mpsc::sync_channel(1);
+        let thread = EngineThread {
+            engine,
+            period: Duration::from_millis(1),
+            openings,
+            tiles,
+            requests: Arc::new(TileRequests::new(1)),
+            report: Arc::default(),
+            metrics,
+        };
+        let handle = thread.start().unwrap();
+        let (frames, mut received) = watch::channel(None);
+        let mailbox = Arc::new(Mailbox::default());
+        mailbox.put_camera(1, Camera { position: Vec3::ZERO, forward: Vec3::X, velocity: Vec3::ZERO });
+        open.send(Opening { session: SessionId(1), mailbox, frames }).await.unwrap();
+        assert_eq!(handle.ended.await.unwrap(), Some("no such device".to_owned()));
+        assert!(received.changed().await.is_err(), "sessions learn of it");
+        handle.thread.join().unwrap();
+    }
+
     #[test]
     fn a_panic_is_quoted() {
         let panic = catch_unwind(|| panic!("slot {} is taken", 3)).unwrap_err();

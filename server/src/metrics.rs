@@ -1,6 +1,6 @@
-//! Counters and gauges in the OpenMetrics text format.
+//! Counters and gauges in the `OpenMetrics` text format.
 //!
-//! Two kinds: what the shell counts itself, and the engine's [`EngineStats`], read from its last snapshot
+//! Two kinds: what the shell counts itself, and the engine's [`EngineStats`](earthshine_engine::EngineStats), read from its last snapshot
 //! at every scrape. Names end in a unit; `_total` marks counters. Start at [`Metrics::encode`].
 
 use crate::engine_thread::{EngineReport, SharedReport};
@@ -113,7 +113,7 @@ impl Metrics {
         self.registry.register("tick_seconds", "Time of a tick", self.tick_seconds.clone());
     }
 
-    /// Everything as OpenMetrics text, the engine's last report included.
+    /// Everything as `OpenMetrics` text, the engine's last report included.
     ///
     /// # Errors
     /// None that a `String` can have; the encoder's signature asks for it.

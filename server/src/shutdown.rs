@@ -1,7 +1,7 @@
 //! How the service ends: one signal, then a drain in a fixed order within one deadline.
 //!
 //! Sessions first (clients get their goodbye), then the loader (nobody asks for tiles any more), then
-//! the engine (nothing reaches it any more). Start at [`signal`] and [`Deadline`].
+//! the engine (nothing reaches it any more). Start at [`signal`] and `Deadline`.
 
 use crate::ServerError;
 use std::time::Duration;

@@ -34,6 +34,11 @@ struct Queue {
 }
 
 impl TileRequests {
+    /// Empty, with room for `requests_max`.
+    pub(crate) fn new(requests_max: u32) -> Self {
+        Self { queue: Mutex::default(), wake: Condvar::new(), requests_max: requests_max as usize }
+    }
+
     fn lock(&self) -> MutexGuard<'_, Queue> {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -125,11 +130,7 @@ impl TileLoader {
         answers: &SyncSender<Event>,
         metrics: &Arc<Metrics>,
     ) -> std::io::Result<Self> {
-        let requests = Arc::new(TileRequests {
-            queue: Mutex::default(),
-            wake: Condvar::new(),
-            requests_max: requests_max as usize,
-        });
+        let requests = Arc::new(TileRequests::new(requests_max));
         let mut threads = Vec::new();
         for index in 0..thread_count {
             let worker = Worker {

@@ -36,7 +36,7 @@ impl ClosedBox {
         for patch in 0..patch_count {
             let wall = Direction::ALL[patch % 6];
             let (s, t) = unit_pair(hash(seed, Purpose::WorldShape, patch as u64, 0));
-            let mut position = Vec3::splat(if wall.index() % 2 == 0 { 0.0 } else { 1.0 });
+            let mut position = Vec3::splat(if wall.index().is_multiple_of(2) { 0.0 } else { 1.0 });
             position[(wall.axis() + 1) % 3] = s;
             position[(wall.axis() + 2) % 3] = t;
             room.positions.push(position);

@@ -200,11 +200,12 @@ impl Backend for CpuBackend {
             let mut lit = std::mem::take(&mut self.planned);
             lit.fill(false);
             for channel in 0..3 {
-                for slot in 0..lit.len() {
+                for (slot, lit) in lit.iter_mut().enumerate() {
                     let reflectance = self.matrix.reflectance(Slot(slot as u32))[channel];
                     let outside = self.outside_irradiance[slot][channel];
-                    self.sent[slot] = self.direct_exitance[slot][channel] + reflectance * outside;
-                    lit[slot] |= self.sent[slot] != 0.0;
+                    let sent = self.direct_exitance[slot][channel] + reflectance * outside;
+                    self.sent[slot] = sent;
+                    *lit |= sent != 0.0;
                 }
                 self.matrix.multiply(channel, &self.sent, &mut self.received);
                 for (slot, irradiance) in self.irradiance.iter_mut().enumerate() {

@@ -1,7 +1,7 @@
 //! Dense `f64` matrices and their LU factors: the oracle of this package and the way back from drift.
 //!
 //! [`LuFactors`] is a right-looking, blocked elimination with partial pivoting. Rows are padded for the
-//! kernels of [`kernel`](crate::kernel); the padding stays zero and is never pivoted on.
+//! kernels of `kernel`; the padding stays zero and is never pivoted on.
 
 use crate::buffer::Buffer;
 use crate::kernel::{ROW_GROUP, RankUpdate, Scalar};

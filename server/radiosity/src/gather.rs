@@ -109,18 +109,29 @@ impl SparseRows {
         let (columns, shares) = self.row(row);
         let mut total = [0.0f64; 3];
         for (columns, shares) in columns.chunks(SEGMENT).zip(shares.chunks(SEGMENT)) {
-            let mut sum = [[0.0f32; 4]; 2];
-            for (at, (&column, &share)) in columns.iter().zip(shares).enumerate() {
-                let exitance = &exitance[column as usize];
-                for (sum, exitance) in sum[at % 2].iter_mut().zip(exitance) {
-                    *sum += share * exitance;
+            let mut sums = [[0.0f32; 4]; 4];
+            let (fours, rest) = columns.as_chunks::<4>();
+            let (share_fours, share_rest) = shares.as_chunks::<4>();
+            for (columns, shares) in fours.iter().zip(share_fours) {
+                for ((&column, &share), sum) in columns.iter().zip(shares).zip(&mut sums) {
+                    add_product(sum, share, &exitance[column as usize]);
                 }
             }
+            for (&column, &share) in rest.iter().zip(share_rest) {
+                add_product(&mut sums[0], share, &exitance[column as usize]);
+            }
             for (channel, total) in total.iter_mut().enumerate() {
-                *total += f64::from(sum[0][channel]) + f64::from(sum[1][channel]);
+                *total += sums.iter().map(|sum| f64::from(sum[channel])).sum::<f64>();
             }
         }
         total
+    }
+}
+
+#[inline]
+fn add_product(sum: &mut [f32; 4], share: f32, exitance: &[f32; 4]) {
+    for (sum, exitance) in sum.iter_mut().zip(exitance) {
+        *sum += share * exitance;
     }
 }
 

@@ -23,7 +23,7 @@ fn refused_lights(lights: v1::Lights) -> String {
 #[test]
 fn a_wrong_version_is_refused_with_both_named() {
     let refusal = refused_hello(|hello| {
-        (hello.protocol_min, hello.protocol_max) = (PROTOCOL_MAX + 6, PROTOCOL_MAX + 8)
+        (hello.protocol_min, hello.protocol_max) = (PROTOCOL_MAX + 6, PROTOCOL_MAX + 8);
     });
     assert_eq!(refusal.code, ErrorCode::Version);
     let both =

@@ -94,7 +94,13 @@ fn walk(folder: &std::path::Path) -> Vec<std::path::PathBuf> {
 #[tokio::test]
 async fn a_drain_says_goodbye_to_everybody_in_time() {
     let mut service = Service::start(|_| ()).await;
-    assert_eq!(service.get("/ready").await.0, "HTTP/1.1 200 OK");
+    within(async {
+        // Ready with the engine's first tick.
+        while service.get("/ready").await.0 != "HTTP/1.1 200 OK" {
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    })
+    .await;
     let mut raw = Raw::greeted(&service.uri).await;
     let mut silent = Raw::open(&service.uri).await;
     let mut client = Client::connect(&service.uri, ClientOptions::default()).await.unwrap();

@@ -3,6 +3,8 @@
 //! `light` follows the main path with the client library; `faults` speaks raw gRPC and raw TCP, and does
 //! what no client should; `ends` is about how the service starts, refuses to start and stops.
 
+#![expect(clippy::unwrap_used, reason = "a panic is how a test fails, in its helpers too")]
+
 mod ends;
 mod faults;
 mod light;

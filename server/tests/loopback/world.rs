@@ -137,7 +137,8 @@ impl Service {
 
     /// Asks it to stop, without waiting.
     pub(crate) fn ask_to_stop(&mut self) {
-        drop(self.stop.take().map(|stop| stop.send(())));
+        // Dropping the sender resolves the other end too.
+        drop(self.stop.take());
     }
 
     /// Stops it; it must drain in time and without an error.

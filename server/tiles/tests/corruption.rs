@@ -7,7 +7,7 @@ use earthshine_tiles::{Frame, MappedTile, RowCodec, TileError, decode_bytes, enc
 use std::path::Path;
 
 fn small_tile(codec: RowCodec) -> Vec<u8> {
-    encode(&random_chunk(3, 34, 6), &options(codec)).unwrap()
+    encode(&random_chunk(3, 34, 6), &options(codec)).expect("a sound chunk")
 }
 
 #[test]

@@ -11,7 +11,8 @@ const SIZES: [(usize, usize); 8] =
     [(0, 0), (1, 0), (1, 1), (31, 9), (32, 40), (33, 200), (70, 1500), (130, 30)];
 
 fn round_trip(chunk: &Chunk, codec: RowCodec) -> Chunk {
-    decode_bytes(&encode(chunk, &options(codec)).unwrap(), Path::new("test.tile")).unwrap()
+    let tile = encode(chunk, &options(codec)).expect("a sound chunk");
+    decode_bytes(&tile, Path::new("test.tile")).expect("the tile just made")
 }
 
 #[test]

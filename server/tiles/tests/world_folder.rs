@@ -26,7 +26,7 @@ fn closed_chunks(count: i32) -> Vec<Chunk> {
 }
 
 fn world(count: i32) -> (tempfile::TempDir, Manifest) {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = tempfile::tempdir().expect("a temporary folder");
     let manifest = write_world(folder.path(), &closed_chunks(count), &options(RowCodec::Full));
     (folder, manifest)
 }

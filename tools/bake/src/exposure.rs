@@ -35,8 +35,8 @@ const NEAR_VOXELS: f32 = 0.25;
 /// Rays after which a clear case is decided.
 const FIRST_RAYS: u32 = 8;
 /// Paths, and segments of each, that look for light from a suspect point.
-const LIGHT_PATHS: u64 = 16;
-const LIGHT_PATH_SEGMENTS: u64 = 16;
+const LIGHT_PATHS: u64 = 6;
+const LIGHT_PATH_SEGMENTS: u64 = 8;
 
 /// Tells the exposure of points; one for a whole bake.
 #[derive(Debug)]
@@ -98,12 +98,11 @@ impl ExposureTest<'_> {
                 let (u, v) = unit_pair(hash(self.seed, Purpose::BuriedTest, key, index));
                 let direction = cosine_direction(side, u, v);
                 let Some(hit) = self.tracer.closest(place, direction, 0.0, f32::INFINITY) else { return true };
-                let surface = self.tracer.scene().surface(hit.triangle, hit.u, hit.v, hit.front);
-                if surface.emitted_radiance != Vec3::ZERO {
+                if self.tracer.surface(&hit).emitted_radiance != Vec3::ZERO {
                     return true;
                 }
-                place = place + direction * hit.distance + hit.normal * self.off_surface_m;
-                side = hit.normal;
+                side = self.tracer.normal(&hit);
+                place = place + direction * hit.distance + side * self.off_surface_m;
             }
             false
         })
@@ -117,7 +116,7 @@ impl ExposureTest<'_> {
                 let offset = position - place;
                 let distance = offset.length();
                 range_m.is_none_or(|range| distance < range)
-                    && self.tracer.is_clear(place, offset / distance.max(f32::MIN_POSITIVE), 0.0, distance)
+                    && !self.tracer.is_blocked(place, offset / distance.max(f32::MIN_POSITIVE), distance)
             }
         })
     }

@@ -47,7 +47,7 @@ pub fn trace_row(
             None => add_sky(&mut row.sky, direction, share),
             Some(hit) => {
                 let place = origin + direction * hit.distance;
-                row.add_hit(set, place, hit.normal, parameters.weights, edge, share);
+                row.add_hit(set, place, tracer.normal(&hit), parameters.weights, edge, share);
             }
         }
     }

@@ -70,6 +70,7 @@ pub fn sample_triangle(
     let material = &scene.materials[scene.material_of[triangle] as usize];
     let normal = scene.normal(triangle);
     let edge = parameters.grid.voxel_edge_m;
+    let off_edge = (OFF_EDGE * edge).max(2.0 * earthshine_trace::NEAREST_M);
     let point_area = edge * edge / parameters.samples_per_voxel_face.max(1) as f32;
     for front in [true, false] {
         if !front && !parameters.two_sided && !material.double_sided {
@@ -83,7 +84,7 @@ pub fn sample_triangle(
             piece += 1;
             let key = hash(parameters.seed, Purpose::SamplePoint, triangle as u64 * 2 + u64::from(front), piece);
             cover(polygon, point_area, key, |shifted_position, area| {
-                let position = inset(scene.triangles[triangle], shifted_position - shift, OFF_EDGE * edge);
+                let position = inset(scene.triangles[triangle], shifted_position - shift, off_edge);
                 let (u, v) = barycentric(scene.triangles[triangle], position);
                 let surface = scene.surface(triangle, u, v, front);
                 if !surface.is_hole {

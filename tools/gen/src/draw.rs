@@ -40,11 +40,11 @@ impl Draw {
 
     /// Choices of one cell.
     pub(crate) fn of_cell(seed: u64, (x, z): (i32, i32)) -> Self {
-        Self { seed, place: u64::from(x.cast_unsigned()) << 32 | u64::from(z.cast_unsigned()) }
+        Self { seed, place: (u64::from(x.cast_unsigned()) << 32) | u64::from(z.cast_unsigned()) }
     }
 
     fn bits(self, what: Use, index: u32) -> u64 {
-        hash(self.seed, Purpose::WorldShape, self.place, (what as u64) << 32 | u64::from(index))
+        hash(self.seed, Purpose::WorldShape, self.place, ((what as u64) << 32) | u64::from(index))
     }
 
     /// In `[least, most)`.
@@ -54,7 +54,7 @@ impl Draw {
 
     /// In `0..count`.
     pub(crate) fn below(self, what: Use, index: u32, count: u32) -> u32 {
-        ((self.bits(what, index) >> 32) * u64::from(count) >> 32) as u32
+        (((self.bits(what, index) >> 32) * u64::from(count)) >> 32) as u32
     }
 
     /// True with `probability`.

@@ -7,7 +7,7 @@ use earthshine_world::Vec3;
 use reading::Loaded;
 
 fn made(kind: WorldKind, options: &GenOptions) -> Glb {
-    generate(kind, options, &|_, _| {}).unwrap()
+    generate(kind, options, &|_, _| {}).expect("options within their ranges")
 }
 
 fn town(size: f32, triangles: Option<u64>, flatten: bool) -> GenOptions {
@@ -99,6 +99,19 @@ fn towns_have_the_triangles_asked_for() {
 }
 
 #[test]
+fn cells_join_into_one_closed_ground() {
+    let loaded = Loaded::from(&made(WorldKind::Town, &town(80.0, None, false)).bytes);
+    let (mut gap, mut volume) = (glam::DVec3::ZERO, 0.0);
+    for [a, b, c] in loaded.triangles.iter().map(|corners| corners.map(|p| p.as_dvec3())) {
+        gap += (b - a).cross(c - a) / 2.0;
+        volume += a.dot(b.cross(c)) / 6.0;
+    }
+    assert!(gap.length() < 0.05, "open by {gap} m2");
+    // The slab under four cells is 9,600 m3; each of its sides counts for 1,600 of them. The rest is houses.
+    assert!((9_600.0..15_000.0).contains(&volume), "{volume} m3");
+}
+
+#[test]
 fn sunlight_enters_houses() {
     // Rays from the sun that pass a window opening reach a floor: some of what the sun sees lies under a ceiling.
     let options = town(40.0, None, true);
@@ -150,7 +163,7 @@ fn files_are_whole_or_absent() {
 fn progress_begins_at_nothing_and_ends_at_everything() {
     let heard = std::cell::RefCell::new(Vec::new());
     generate(WorldKind::Town, &town(80.0, None, false), &|done, total| {
-        heard.borrow_mut().push((done, total))
+        heard.borrow_mut().push((done, total));
     })
     .unwrap();
     assert_eq!(heard.into_inner(), [(0, 4), (1, 4), (2, 4), (3, 4), (4, 4)]);

@@ -1,19 +1,10 @@
-//! A scene under a tree: the closest surface along a ray, and whether a segment is free.
-//!
-//! Holes of alpha masks are asked for at every crossing. Everything is two-sided here; what a back face
-//! does with light is [`Sides`]' and the material's matter.
+//! A scene as the reference sees it: rays (`earthshine-trace`), emitters to look at, what back faces do.
 
 use crate::emitters::Emitters;
-use earthshine_light::ray_triangle::{RayTriangle, ray};
-use earthshine_scene::{Scene, Surface};
+use earthshine_scene::Scene;
 use earthshine_world::{Rgb, Vec3};
-use glam::UVec2;
-use obvhs::BvhBuildParams;
-use obvhs::cwbvh::CwBvh;
-use obvhs::cwbvh::builder::build_cwbvh_from_tris;
-use obvhs::cwbvh::node::CwBvhNode;
-use obvhs::triangle::Triangle;
-use std::time::Duration;
+
+pub use earthshine_trace::Hit;
 
 /// How far a ray starts from its surface, as a share of the largest coordinate: some tens of roundings.
 const OFFSET_SHARE: f32 = 4e-6;
@@ -29,21 +20,6 @@ pub enum Sides {
     Two,
 }
 
-/// Where a ray meets the scene.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Hit {
-    /// Index into [`Scene::triangles`].
-    pub triangle: usize,
-    /// Barycentric weight of corner 1.
-    pub u: f32,
-    /// Barycentric weight of corner 2.
-    pub v: f32,
-    /// In lengths of the ray's direction.
-    pub distance: f32,
-    /// Whether the front face was hit.
-    pub front: bool,
-}
-
 /// A place on a surface, as seen by whoever hit it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Vertex {
@@ -57,16 +33,12 @@ pub struct Vertex {
     pub emitted_radiance: Rgb,
 }
 
-/// A scene ready for rays.
+/// A scene ready for paths.
 #[derive(Debug)]
 pub struct SceneTracer<'scene> {
-    scene: &'scene Scene,
+    rays: earthshine_trace::SceneTracer<'scene>,
     sides: Sides,
-    tree: CwBvh,
-    /// In the tree's leaf order.
-    triangles: Vec<RayTriangle>,
     emitters: Emitters,
-    has_masks: bool,
 }
 
 impl<'scene> SceneTracer<'scene> {
@@ -79,25 +51,13 @@ impl<'scene> SceneTracer<'scene> {
     /// Builds the tree; `sides` says what back faces do.
     #[must_use]
     pub fn with_sides(scene: &'scene Scene, sides: Sides) -> Self {
-        let boxed: Vec<Triangle> = scene
-            .triangles
-            .iter()
-            .map(|&[a, b, c]| Triangle { v0: a.into(), v1: b.into(), v2: c.into() })
-            .collect();
-        let tree = if boxed.is_empty() {
-            CwBvh::default()
-        } else {
-            build_cwbvh_from_tris(&boxed, BvhBuildParams::medium_build(), &mut Duration::default())
-        };
-        let triangles =
-            tree.primitive_indices.iter().map(|&i| RayTriangle::new(scene.triangles[i as usize])).collect();
-        Self { scene, sides, tree, triangles, emitters: Emitters::of(scene), has_masks: scene.has_masks() }
+        Self { rays: earthshine_trace::SceneTracer::new(scene), sides, emitters: Emitters::of(scene) }
     }
 
     /// What is traced.
     #[must_use]
     pub fn scene(&self) -> &'scene Scene {
-        self.scene
+        self.rays.scene()
     }
 
     /// Emissive triangles, to look at on purpose.
@@ -115,77 +75,30 @@ impl<'scene> SceneTracer<'scene> {
         distance_min: f32,
         distance_max: f32,
     ) -> Option<Hit> {
-        if self.triangles.is_empty() {
-            return None;
-        }
-        let mut ray = ray(origin, direction, distance_min, distance_max);
-        let mut state = self.tree.new_traversal(ray.direction);
-        let mut node: &CwBvhNode;
-        let mut closest = None;
-        obvhs::traverse!(self.tree, node, state, node.intersect_ray(&ray, state.oct_inv4), {
-            let leaf = state.primitive_id as usize;
-            if let Some(hit) = self.hit_at(leaf, &ray) {
-                ray.tmax = hit.distance;
-                closest = Some(hit);
-            }
-        });
-        closest
+        self.rays.closest(origin, direction, distance_min, distance_max)
     }
 
     /// Whether anything but holes lies between `origin` and `distance` along `direction`.
     #[must_use]
     pub fn is_blocked(&self, origin: Vec3, direction: Vec3, distance: f32) -> bool {
-        if self.triangles.is_empty() {
-            return false;
-        }
-        let ray = ray(origin, direction, 0.0, distance);
-        let mut state = self.tree.new_traversal(ray.direction);
-        let mut node: &CwBvhNode;
-        obvhs::traverse!(self.tree, node, state, node.intersect_ray(&ray, state.oct_inv4), {
-            if self.hit_at(state.primitive_id as usize, &ray).is_some() {
-                return true;
-            }
-        });
-        false
-    }
-
-    #[inline]
-    fn hit_at(&self, leaf: usize, ray: &obvhs::ray::Ray) -> Option<Hit> {
-        let crossing = self.triangles[leaf].crossing(ray)?;
-        let triangle = self.tree.primitive_indices[leaf] as usize;
-        let hit = Hit {
-            triangle,
-            u: crossing.u,
-            v: crossing.v,
-            distance: crossing.distance,
-            front: crossing.front,
-        };
-        if self.has_masks && self.surface(&hit).is_hole {
-            return None;
-        }
-        Some(hit)
-    }
-
-    fn surface(&self, hit: &Hit) -> Surface {
-        self.scene.surface(hit.triangle, hit.u, hit.v, hit.front)
+        self.rays.is_blocked(origin, direction, distance)
     }
 
     /// What `hit` found: place, facing normal, material.
     #[must_use]
     pub fn vertex(&self, hit: &Hit) -> Vertex {
-        let surface = self.surface(hit);
-        let normal = self.scene.normal(hit.triangle);
+        let surface = self.rays.surface(hit);
         let black = self.sides == Sides::One && !hit.front && !self.is_double_sided(hit.triangle);
         Vertex {
-            position: point_on(&self.scene.triangles[hit.triangle], hit.u, hit.v),
-            normal: if hit.front { normal } else { -normal },
+            position: point_on(&self.scene().triangles[hit.triangle], hit.u, hit.v),
+            normal: self.rays.normal(hit),
             reflectance: if black { Rgb::ZERO } else { surface.reflectance },
             emitted_radiance: surface.emitted_radiance,
         }
     }
 
     fn is_double_sided(&self, triangle: usize) -> bool {
-        self.scene.materials[self.scene.material_of[triangle] as usize].double_sided
+        self.scene().materials[self.scene().material_of[triangle] as usize].double_sided
     }
 }
 

@@ -1,132 +1,146 @@
-//! Rays against a scene: closest hits that honour alpha masks, and directions to shoot them in.
+//! Rays against a scene: the closest surface along a ray, whether a segment is free, and directions to shoot in.
 //!
-//! The tree is `obvhs`'s eight-wide compressed BVH. What a hit means (reflectance, emission, which patch)
-//! is its caller's business. Start at [`SceneTracer::closest`].
+//! The tree is `obvhs`'s eight-wide compressed BVH. Holes of alpha masks are asked for at every crossing.
+//! Everything is two-sided here; what a hit means (reflectance, emission, which patch) is its caller's
+//! business. Start at [`SceneTracer::closest`].
 
 pub mod hemisphere;
 
-use earthshine_scene::Scene;
+use earthshine_light::ray_triangle::{RayTriangle, ray};
+use earthshine_scene::{Scene, Surface};
 use earthshine_world::Vec3;
-use glam::Vec3A;
+use glam::UVec2;
 use obvhs::BvhBuildParams;
-use obvhs::cwbvh::{CwBvh, builder::build_cwbvh_from_tris};
-use obvhs::ray::{Ray, RayHit};
+use obvhs::cwbvh::CwBvh;
+use obvhs::cwbvh::builder::build_cwbvh_from_tris;
+use obvhs::cwbvh::node::CwBvhNode;
 use obvhs::triangle::Triangle;
+use std::time::Duration;
 
-/// A scene and the tree over its triangles.
-pub struct SceneTracer<'s> {
-    scene: &'s Scene,
-    tree: CwBvh,
-    /// In the tree's order, so that a leaf reads neighbours.
-    triangles: Vec<Triangle>,
-    /// Which materials have an alpha mask; empty when none has.
-    masked: Vec<bool>,
-}
+/// Nearest that a surface may be to a ray's origin, m: boxes that end before it are skipped by the tree.
+pub const NEAREST_M: f32 = 1e-4;
 
-impl std::fmt::Debug for SceneTracer<'_> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("SceneTracer").field("triangles", &self.triangles.len()).finish_non_exhaustive()
-    }
-}
-
-/// Where a ray ended.
+/// Where a ray meets the scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hit {
-    /// Index into the scene's triangles.
+    /// Index into [`Scene::triangles`].
     pub triangle: usize,
     /// Barycentric weight of corner 1.
     pub u: f32,
     /// Barycentric weight of corner 2.
     pub v: f32,
-    /// m.
+    /// In lengths of the ray's direction.
     pub distance: f32,
     /// Whether the front face was hit.
     pub front: bool,
-    /// Unit geometric normal of the side that was hit.
-    pub normal: Vec3,
 }
 
-impl<'s> SceneTracer<'s> {
+/// A scene ready for rays.
+#[derive(Debug)]
+pub struct SceneTracer<'scene> {
+    scene: &'scene Scene,
+    tree: CwBvh,
+    /// In the tree's leaf order.
+    triangles: Vec<RayTriangle>,
+    has_masks: bool,
+}
+
+impl<'scene> SceneTracer<'scene> {
     /// Builds the tree: about 1 s a million triangles on one core.
     #[must_use]
-    pub fn new(scene: &'s Scene) -> Self {
-        let corners = |[a, b, c]: [Vec3; 3]| Triangle { v0: a.into(), v1: b.into(), v2: c.into() };
-        let mut triangles: Vec<Triangle> = scene.triangles.iter().map(|&t| corners(t)).collect();
-        let mut parameters = BvhBuildParams::medium_build();
-        parameters.pre_split = false;
-        let tree = build_cwbvh_from_tris(&triangles, parameters, &mut std::time::Duration::default());
-        triangles = tree.primitive_indices.iter().map(|&i| triangles[i as usize]).collect();
-        let masked = if scene.has_masks() {
-            scene.materials.iter().map(|material| material.alpha_cutoff.is_some()).collect()
+    pub fn new(scene: &'scene Scene) -> Self {
+        let boxed: Vec<Triangle> = scene
+            .triangles
+            .iter()
+            .map(|&[a, b, c]| Triangle { v0: a.into(), v1: b.into(), v2: c.into() })
+            .collect();
+        let tree = if boxed.is_empty() {
+            CwBvh::default()
         } else {
-            Vec::new()
+            build_cwbvh_from_tris(&boxed, BvhBuildParams::medium_build(), &mut Duration::default())
         };
-        Self { scene, tree, triangles, masked }
+        let triangles =
+            tree.primitive_indices.iter().map(|&i| RayTriangle::new(scene.triangles[i as usize])).collect();
+        Self { scene, tree, triangles, has_masks: scene.has_masks() }
     }
 
-    /// What was given to [`Self::new`].
+    /// What is traced.
     #[must_use]
-    pub fn scene(&self) -> &'s Scene {
+    pub fn scene(&self) -> &'scene Scene {
         self.scene
     }
 
-    /// The first thing that is not a hole along unit `direction`, between `nearest` and `farthest` metres.
+    /// The closest crossing with `distance_min < distance < distance_max` that is not a hole.
     #[must_use]
-    pub fn closest(&self, origin: Vec3, direction: Vec3, nearest: f32, farthest: f32) -> Option<Hit> {
-        let ray = Ray::new(origin.into(), direction.into(), nearest, farthest);
-        let mut hit = RayHit::none();
+    pub fn closest(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        distance_min: f32,
+        distance_max: f32,
+    ) -> Option<Hit> {
         if self.triangles.is_empty() {
             return None;
         }
-        let found = self.tree.ray_traverse(ray, &mut hit, |ray, index| {
-            let distance = self.triangles[index].intersect(ray);
-            if distance < ray.tmax && self.is_hole(index, ray, distance) { f32::INFINITY } else { distance }
+        let mut ray = ray(origin, direction, distance_min, distance_max);
+        let mut state = self.tree.new_traversal(ray.direction);
+        let mut node: &CwBvhNode;
+        let mut closest = None;
+        obvhs::traverse!(self.tree, node, state, node.intersect_ray(&ray, state.oct_inv4), {
+            let leaf = state.primitive_id as usize;
+            if let Some(hit) = self.hit_at(leaf, &ray) {
+                ray.tmax = hit.distance;
+                closest = Some(hit);
+            }
         });
-        found.then(|| self.describe(hit.primitive_id as usize, &ray, hit.t))
+        closest
     }
 
-    /// Whether nothing solid lies along unit `direction` between `nearest` and `farthest` metres.
+    /// Whether anything but holes lies between `origin` and `distance` along `direction`.
     #[must_use]
-    pub fn is_clear(&self, origin: Vec3, direction: Vec3, nearest: f32, farthest: f32) -> bool {
+    pub fn is_blocked(&self, origin: Vec3, direction: Vec3, distance: f32) -> bool {
         if self.triangles.is_empty() {
-            return true;
-        }
-        let ray = Ray::new(origin.into(), direction.into(), nearest, farthest);
-        self.tree.ray_traverse_miss(ray, |ray, index| {
-            let distance = self.triangles[index].intersect(ray);
-            if distance < ray.tmax && self.is_hole(index, ray, distance) { f32::INFINITY } else { distance }
-        })
-    }
-
-    fn is_hole(&self, index: usize, ray: &Ray, distance: f32) -> bool {
-        if self.masked.is_empty() {
             return false;
         }
-        let triangle = self.tree.primitive_indices[index] as usize;
-        if !self.masked[self.scene.material_of[triangle] as usize] {
-            return false;
+        let ray = ray(origin, direction, 0.0, distance);
+        let mut state = self.tree.new_traversal(ray.direction);
+        let mut node: &CwBvhNode;
+        obvhs::traverse!(self.tree, node, state, node.intersect_ray(&ray, state.oct_inv4), {
+            if self.hit_at(state.primitive_id as usize, &ray).is_some() {
+                return true;
+            }
+        });
+        false
+    }
+
+    #[inline]
+    fn hit_at(&self, leaf: usize, ray: &obvhs::ray::Ray) -> Option<Hit> {
+        let crossing = self.triangles[leaf].crossing(ray)?;
+        let triangle = self.tree.primitive_indices[leaf] as usize;
+        let hit = Hit {
+            triangle,
+            u: crossing.u,
+            v: crossing.v,
+            distance: crossing.distance,
+            front: crossing.front,
+        };
+        if self.has_masks && self.surface(&hit).is_hole {
+            return None;
         }
-        let (u, v) = self.barycentric(index, ray, distance);
-        self.scene.surface(triangle, u, v, true).is_hole
+        Some(hit)
     }
 
-    fn barycentric(&self, index: usize, ray: &Ray, distance: f32) -> (f32, f32) {
-        let Triangle { v0, v1, v2 } = self.triangles[index];
-        let point = ray.origin + ray.direction * distance - v0;
-        let (e1, e2) = (v1 - v0, v2 - v0);
-        let normal: Vec3A = e1.cross(e2);
-        let scale = 1.0 / normal.length_squared().max(f32::MIN_POSITIVE);
-        let u = point.cross(e2).dot(normal) * scale;
-        let v = e1.cross(point).dot(normal) * scale;
-        (u.clamp(0.0, 1.0), v.clamp(0.0, 1.0))
+    /// What is at `hit`, seen from the side that was hit.
+    #[must_use]
+    pub fn surface(&self, hit: &Hit) -> Surface {
+        self.scene.surface(hit.triangle, hit.u, hit.v, hit.front)
     }
 
-    fn describe(&self, index: usize, ray: &Ray, distance: f32) -> Hit {
-        let (u, v) = self.barycentric(index, ray, distance);
-        let triangle = self.tree.primitive_indices[index] as usize;
-        let normal = self.scene.normal(triangle);
-        let front = normal.dot(ray.direction.into()) < 0.0;
-        Hit { triangle, u, v, distance, front, normal: if front { normal } else { -normal } }
+    /// Unit geometric normal of the side that was hit.
+    #[must_use]
+    pub fn normal(&self, hit: &Hit) -> Vec3 {
+        let normal = self.scene.normal(hit.triangle);
+        if hit.front { normal } else { -normal }
     }
 }
 
@@ -134,25 +148,21 @@ impl<'s> SceneTracer<'s> {
 mod tests {
     use super::*;
 
-    fn sheet() -> Scene {
-        Scene {
+    #[test]
+    fn a_ray_knows_which_side_it_hits_and_where() {
+        let scene = Scene {
             triangles: vec![[Vec3::ZERO, Vec3::X, Vec3::Y]],
             texture_coordinates: vec![[[0.0; 2]; 3]],
             material_of: vec![0],
             ..Scene::default()
-        }
-    }
-
-    #[test]
-    fn a_ray_knows_which_side_it_hits_and_where() {
-        let scene = sheet();
+        };
         let tracer = SceneTracer::new(&scene);
         let hit = tracer.closest(Vec3::new(0.25, 0.5, 1.0), Vec3::NEG_Z, 0.0, 10.0).expect("a hit");
-        assert!(hit.front && hit.normal == Vec3::Z && (hit.distance - 1.0).abs() < 1e-6);
+        assert!(hit.front && tracer.normal(&hit) == Vec3::Z && (hit.distance - 1.0).abs() < 1e-6);
         assert!((hit.u - 0.25).abs() < 1e-6 && (hit.v - 0.5).abs() < 1e-6);
-        let back = tracer.closest(Vec3::new(0.25, 0.5, -1.0), Vec3::Z, 0.0, 10.0).expect("a hit");
-        assert!(!back.front && back.normal == Vec3::NEG_Z);
-        assert!(tracer.is_clear(Vec3::new(0.25, 0.5, 1.0), Vec3::NEG_Z, 0.0, 0.9));
+        let back = tracer.closest(Vec3::new(0.25, 0.5, -1.0), -Vec3::NEG_Z, 0.0, 10.0).expect("a hit");
+        assert!(!back.front && tracer.normal(&back) == Vec3::NEG_Z);
+        assert!(!tracer.is_blocked(Vec3::new(0.25, 0.5, 1.0), Vec3::NEG_Z, 0.9));
         assert!(tracer.closest(Vec3::new(0.9, 0.9, 1.0), Vec3::NEG_Z, 0.0, 10.0).is_none());
     }
 }

@@ -110,8 +110,8 @@ fn random_rows(id: ChunkId, patch_count: usize, row_max: usize, dice: &mut Dice)
         }
         let sum: f64 = values.iter().sum();
         let mut values = values.into_iter().map(|value| (value / sum) as f32);
-        rows.sky_shares.push(std::array::from_fn(|_| values.next().unwrap()));
-        rows.absorbed_shares.push(values.next().unwrap());
+        rows.sky_shares.push(std::array::from_fn(|_| values.next().expect("seven more than columns")));
+        rows.absorbed_shares.push(values.next().expect("seven more than columns"));
         rows.shares.extend(values);
         rows.columns.extend(columns);
         rows.row_starts.push(rows.columns.len() as u32);
@@ -123,9 +123,9 @@ fn random_rows(id: ChunkId, patch_count: usize, row_max: usize, dice: &mut Dice)
 pub(crate) fn write_world(folder: &Path, chunks: &[Chunk], options: &EncodeOptions) -> Manifest {
     let mut entries = Vec::new();
     for chunk in chunks {
-        let bytes = encode(chunk, options).unwrap();
+        let bytes = encode(chunk, options).expect("a sound chunk");
         let file = tile_file_name(chunk.id, tile_hash(&bytes));
-        write_atomic(&folder.join(&file), &bytes).unwrap();
+        write_atomic(&folder.join(&file), &bytes).expect("a folder with room");
         entries.push(ChunkEntry {
             level: chunk.id.level,
             coord: chunk.id.coord.to_array(),
@@ -146,6 +146,6 @@ pub(crate) fn write_world(folder: &Path, chunks: &[Chunk], options: &EncodeOptio
         lights: LightRig::emission_only(),
         chunks: entries,
     };
-    manifest.save(folder).unwrap();
+    manifest.save(folder).expect("a folder with room");
     manifest
 }

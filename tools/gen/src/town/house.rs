@@ -215,13 +215,13 @@ impl Storey {
                 spans.push(((partition + half, high.x), (z + half, high.z)));
             }
         }
-        let room = |(i, ((x0, x1), (z0, z1))): (usize, ((f32, f32), (f32, f32)))| Room {
+        let rooms = (0u32..).zip(spans).map(|(i, ((x0, x1), (z0, z1)))| Room {
             low: Vec3::new(x0, floor, z0),
             high: Vec3::new(x1, ceiling(number), z1),
-            number: number * 4 + i as u32,
+            number: number * 4 + i,
             has_stairs: i == 0,
-        };
-        let rooms = spans.into_iter().enumerate().map(room).collect();
+        });
+        let rooms = rooms.collect();
         Self { number, floor, rooms, partition, second }
     }
 

@@ -1,5 +1,7 @@
 //! Reads a world back: the document through the `gltf` crate, `EXT_mesh_gpu_instancing` from its JSON.
 
+#![expect(clippy::unwrap_used, reason = "a panic is how a test fails, also in what tests share")]
+
 use earthshine_world::Vec3;
 use glam::{Mat4, Quat};
 use std::collections::BTreeMap;
