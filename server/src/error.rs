@@ -2,11 +2,11 @@
 //!
 //! | code | meaning | worth a restart |
 //! |---|---|---|
-//! | 2 | configuration or arguments | no, mend them |
-//! | 3 | the world is missing or damaged | no, bake or fetch it |
-//! | 4 | an address cannot be bound | after the other process ends |
-//! | 5 | the engine or the system failed | yes |
-//! | 6 | the drain took longer than `drain_timeout_s` | not needed: it was asked to stop |
+//! | 4 | the world is missing or damaged | no, bake or fetch it |
+//! | 5 | configuration | no, mend it |
+//! | 6 | an address cannot be bound | after the other process ends |
+//! | 10 | the engine, the transport or the system failed | yes |
+//! | 11 | the drain took longer than `drain_timeout_s` | no: it was asked to stop |
 //!
 //! What goes wrong in one session ends that session only and is no [`ServerError`].
 
@@ -79,11 +79,11 @@ impl ServerError {
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Config(_) => 2,
-            Self::World(_) | Self::Index(_) => 3,
-            Self::AddressInUse { .. } | Self::Bind { .. } => 4,
-            Self::System { .. } | Self::Engine { .. } | Self::Transport(_) => 5,
-            Self::DrainTimeout { .. } => 6,
+            Self::World(_) | Self::Index(_) => 4,
+            Self::Config(_) => 5,
+            Self::AddressInUse { .. } | Self::Bind { .. } => 6,
+            Self::System { .. } | Self::Engine { .. } | Self::Transport(_) => 10,
+            Self::DrainTimeout { .. } => 11,
         }
     }
 }

@@ -165,7 +165,7 @@ impl Collector for EngineCollector {
             ConstCounter::new(value).encode(metric)?;
         }
         let sum = |of: fn(&earthshine_engine::SessionStats) -> u32| {
-            stats.sessions.iter().map(|session| f64::from(of(session))).sum::<f64>()
+            stats.sessions.iter().map(|session| u64::from(of(session))).sum::<u64>() as f64
         };
         let gauges = [
             ("chunks_requested", "Chunks asked for", f64::from(stats.chunks.requested)),

@@ -80,7 +80,7 @@ mod tests {
         let thread =
             std::thread::Builder::new().spawn(|| std::thread::sleep(Duration::from_millis(300))).unwrap();
         let error = deadline.join("the engine", thread).await.unwrap_err();
-        assert_eq!(error.exit_code(), 6);
+        assert_eq!(error.exit_code(), 11);
         assert!(error.to_string().contains("the engine did not end within 40ms"), "{error}");
     }
 }

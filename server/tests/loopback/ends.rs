@@ -28,7 +28,7 @@ async fn a_port_in_use_names_the_address_and_the_cure() {
         *entry = taken.parse().unwrap();
         let error = Server::bind(config).await.unwrap_err();
         assert!(matches!(error, ServerError::AddressInUse { .. }), "{error}");
-        assert_eq!(error.exit_code(), 4);
+        assert_eq!(error.exit_code(), 6);
         let message = error.to_string();
         assert!(message.contains(taken) && message.contains(&format!("`{key}`")), "{message}");
     }
@@ -39,7 +39,7 @@ async fn a_port_in_use_names_the_address_and_the_cure() {
 async fn a_missing_world_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let error = Server::bind(config(&folder.path().join("nowhere"))).await.unwrap_err();
-    assert_eq!(error.exit_code(), 3);
+    assert_eq!(error.exit_code(), 4);
     assert!(
         error.to_string().contains("nowhere") && error.to_string().contains("earthshine bake"),
         "{error}"
@@ -47,14 +47,14 @@ async fn a_missing_world_is_named() {
     // Damaged rather than missing.
     std::fs::write(folder.path().join("world.toml"), "format_version = ").unwrap();
     let error = Server::bind(config(folder.path())).await.unwrap_err();
-    assert_eq!(error.exit_code(), 3);
+    assert_eq!(error.exit_code(), 4);
 }
 
 #[tokio::test]
 async fn an_impossible_setting_is_refused_before_anything_is_bound() {
     let config = Config { tick_rate_hz: 0.0, ..Config::default() };
     let error = Server::bind(config).await.unwrap_err();
-    assert_eq!(error.exit_code(), 2);
+    assert_eq!(error.exit_code(), 5);
     assert!(error.to_string().contains("tick_rate_hz"), "{error}");
 }
 

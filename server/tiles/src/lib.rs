@@ -11,7 +11,7 @@
 //!
 //! | module | what is in it |
 //! |---|---|
-//! | [`format`] | drawing of the file; header and section table |
+//! | [`format`](mod@format) | drawing of the file; header and section table |
 //! | `codec` | what is inside the frames |
 //! | [`encode`], [`decode_bytes`] | one chunk to bytes and back |
 //! | [`limits`] | what a file may ask for |

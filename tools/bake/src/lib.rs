@@ -17,6 +17,7 @@ pub mod clip;
 pub mod emit;
 mod error;
 pub mod exposure;
+pub mod hidden;
 pub mod identity;
 pub mod patches;
 mod progress;

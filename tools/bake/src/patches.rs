@@ -1,5 +1,6 @@
 //! Samples to patches: what faces one direction in one voxel.
 
+use crate::hidden::HiddenPlaces;
 use crate::sample::{SurfaceSample, side_weights};
 use earthshine_tiles::BakeParameters;
 use earthshine_world::random::{Purpose, hash, unit_f32};
@@ -28,6 +29,7 @@ pub struct PatchSet {
     pub chunks: BTreeMap<[i32; 3], std::ops::Range<u32>>,
     /// Patch of each (voxel, direction), or [`PatchSet::NONE`]. Only looked up, never iterated.
     by_voxel: HashMap<VoxelCoord, [u32; 6]>,
+    hidden: HiddenPlaces,
 }
 
 impl PatchSet {
@@ -38,6 +40,12 @@ impl PatchSet {
     #[must_use]
     pub fn of_voxel(&self, voxel: VoxelCoord) -> [u32; 6] {
         self.by_voxel.get(&voxel).copied().unwrap_or([Self::NONE; 6])
+    }
+
+    /// Whether a hit at `place` on side `side` in `voxel` is one that the voxel's patches left out.
+    #[must_use]
+    pub fn is_left_out(&self, side: u32, voxel: VoxelCoord, place: Vec3) -> bool {
+        self.hidden.contains(side, voxel, place)
     }
 
     /// Number of patches.
@@ -69,10 +77,21 @@ impl PatchSet {
             }
         }
         contributions.sort_by_key(|c| (c.key, c.sample));
-        let mut set = Self { patches: Vec::new(), chunks: BTreeMap::new(), by_voxel: HashMap::new() };
+        let mut set = Self {
+            patches: Vec::new(),
+            chunks: BTreeMap::new(),
+            by_voxel: HashMap::new(),
+            hidden: HiddenPlaces::default(),
+        };
+        // Hidden samples stand for nothing until a patch has nothing else.
+        let mut is_left_out: Vec<bool> = samples.iter().map(|sample| sample.is_hidden).collect();
         for run in contributions.chunk_by(|a, b| a.key == b.key) {
             set.push(run, samples, &grid);
+            if run.iter().all(|contribution| samples[contribution.sample as usize].is_hidden) {
+                run.iter().for_each(|contribution| is_left_out[contribution.sample as usize] = false);
+            }
         }
+        set.hidden = HiddenPlaces::collect(samples, &is_left_out);
         set
     }
 
@@ -178,6 +197,7 @@ mod tests {
         SurfaceSample {
             position,
             normal,
+            side: 0,
             voxel: position.floor().as_ivec3(),
             area,
             reflectance: Rgb::splat(0.5),

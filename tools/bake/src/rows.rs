@@ -1,12 +1,12 @@
 //! One row by cosine-weighted rays: where the light that arrives at a patch comes from.
 
 use crate::patches::PatchSet;
-use crate::sample::{SurfaceSample, side_weights, voxel_of};
+use crate::sample::{SurfaceSample, side_of, side_weights, voxel_of};
 use earthshine_tiles::BakeParameters;
 use earthshine_trace::SceneTracer;
 use earthshine_trace::hemisphere::{cosine_direction, spread_pair};
 use earthshine_world::random::{Purpose, hash, unit_pair};
-use earthshine_world::{AxisWeights, Vec3};
+use earthshine_world::{AxisWeights, Direction, Vec3};
 
 /// A row as the rays of its own patch see it; columns are indices into the whole [`PatchSet`].
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -47,7 +47,13 @@ pub fn trace_row(
             None => add_sky(&mut row.sky, direction, share),
             Some(hit) => {
                 let place = origin + direction * hit.distance;
-                row.add_hit(set, place, tracer.normal(&hit), parameters.weights, edge, share);
+                let normal = tracer.normal(&hit);
+                let voxel = voxel_of(place, normal, edge);
+                if set.is_left_out(side_of(hit.triangle, hit.front), voxel, place) {
+                    row.absorbed += share;
+                } else {
+                    row.add_hit(set.of_voxel(voxel), side_weights(parameters.weights, normal), share);
+                }
             }
         }
     }
@@ -56,9 +62,8 @@ pub fn trace_row(
 }
 
 impl RawRow {
-    fn add_hit(&mut self, set: &PatchSet, place: Vec3, normal: Vec3, weights: AxisWeights, edge: f32, share: f32) {
-        let patches = set.of_voxel(voxel_of(place, normal, edge));
-        for (direction, weight) in side_weights(weights, normal) {
+    fn add_hit(&mut self, patches: [u32; 6], weights: [(Direction, f32); 3], share: f32) {
+        for (direction, weight) in weights {
             if weight > 0.0 {
                 match patches[direction.index()] {
                     PatchSet::NONE => self.absorbed += share * weight,

@@ -28,6 +28,8 @@ pub struct SurfaceSample {
     pub position: Vec3,
     /// Unit normal of the side.
     pub normal: Vec3,
+    /// Twice its triangle's index, plus one on the back: see [`side_of`].
+    pub side: u32,
     /// The voxel it belongs to.
     pub voxel: VoxelCoord,
     /// Area it stands for, m2.
@@ -38,6 +40,12 @@ pub struct SurfaceSample {
     pub emission: Rgb,
     /// Lies in a crevice: see [`crate::exposure`].
     pub is_hidden: bool,
+}
+
+/// The number of a side of a triangle.
+#[must_use]
+pub fn side_of(triangle: usize, front: bool) -> u32 {
+    triangle as u32 * 2 + u32::from(!front)
 }
 
 /// The voxel that a point on a side with unit `normal` belongs to. The one rule for points and for hits.
@@ -91,6 +99,7 @@ pub fn sample_triangle(
                     each(SurfaceSample {
                         position,
                         normal: side_normal,
+                        side: side_of(triangle, front),
                         voxel,
                         area,
                         reflectance: surface.reflectance,

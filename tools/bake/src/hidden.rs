@@ -1,0 +1,51 @@
+//! Where hits find no patch although their voxel has one: surfaces in crevices that their patch left out.
+//!
+//! The ceiling behind a lamp faces the way the lamp does and lies in the same voxel. The patch there is the
+//! lamp; what hits the ceiling behind it must not be taken for light from the lamp.
+
+use crate::sample::SurfaceSample;
+use earthshine_world::{Vec3, VoxelCoord};
+use std::collections::{HashMap, HashSet};
+
+/// A piece of one side of a triangle: what one voxel cuts from it.
+type Piece = (u32, VoxelCoord);
+
+/// The pieces that have left-out samples, with all of their samples. Only looked up, never iterated.
+#[derive(Debug, Default)]
+pub struct HiddenPlaces {
+    pieces: HashMap<Piece, Vec<(Vec3, bool)>>,
+}
+
+impl HiddenPlaces {
+    /// Collects the pieces of samples that are hidden and stand for nothing.
+    #[must_use]
+    pub fn collect(samples: &[SurfaceSample], is_left_out: &[bool]) -> Self {
+        let concerned: HashSet<Piece> = samples
+            .iter()
+            .zip(is_left_out)
+            .filter(|(_, left_out)| **left_out)
+            .map(|(sample, _)| (sample.side, sample.voxel))
+            .collect();
+        let mut pieces: HashMap<Piece, Vec<(Vec3, bool)>> = HashMap::with_capacity(concerned.len());
+        for (sample, &left_out) in samples.iter().zip(is_left_out) {
+            let piece = (sample.side, sample.voxel);
+            if concerned.contains(&piece) {
+                pieces.entry(piece).or_default().push((sample.position, left_out));
+            }
+        }
+        Self { pieces }
+    }
+
+    /// Whether `place` on side `side` of a triangle, in `voxel`, lies nearest to a left-out sample.
+    #[must_use]
+    pub fn contains(&self, side: u32, voxel: VoxelCoord, place: Vec3) -> bool {
+        if self.pieces.is_empty() {
+            return false;
+        }
+        let distance = |sample: &&(Vec3, bool)| sample.0.distance_squared(place);
+        self.pieces.get(&(side, voxel)).is_some_and(|samples| {
+            let nearest = samples.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
+            nearest.is_some_and(|(_, left_out)| *left_out)
+        })
+    }
+}
