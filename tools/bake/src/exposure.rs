@@ -7,7 +7,8 @@
 //!
 //! *Hidden* points see almost nothing but surfaces much nearer than a voxel (ceiling behind a lamp, wall behind
 //! a picture). Others hardly see them, so they must not share in the mean light of their voxel; they count
-//! only where a patch has nothing else.
+//! only where a patch has nothing else. *Open* points share in it by their openness: a patch's exitance is
+//! what others see of it.
 
 use crate::sample::SurfaceSample;
 use earthshine_trace::hemisphere::{cosine_direction, spread_pair};
@@ -16,10 +17,10 @@ use earthshine_world::random::{Purpose, hash, unit_pair};
 use earthshine_world::{Light, Vec3};
 
 /// What becomes of a point.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Exposure {
-    /// Stands for its area.
-    Open,
+    /// Stands for its area; the number is its openness, the share of its rays that go far, above zero.
+    Open(f32),
     /// Stands for its area where nothing else does.
     Hidden,
     /// Left out.
@@ -68,7 +69,7 @@ impl ExposureTest<'_> {
                 near += u32::from(hit.distance < NEAR_VOXELS * self.voxel_edge_m);
             }
             if index + 1 == FIRST_RAYS && back == 0 && near < FIRST_RAYS / 2 {
-                return Exposure::Open;
+                return Exposure::Open(1.0 - near as f32 / FIRST_RAYS as f32);
             }
         }
         let limit = |share: f32| self.rays as f32 * share;
@@ -77,7 +78,7 @@ impl ExposureTest<'_> {
         } else if near as f32 > limit(NEAR_SHARE) {
             Exposure::Hidden
         } else {
-            Exposure::Open
+            Exposure::Open(1.0 - near as f32 / self.rays as f32)
         }
     }
 

@@ -84,10 +84,10 @@ impl PatchSet {
             hidden: HiddenPlaces::default(),
         };
         // Hidden samples stand for nothing until a patch has nothing else.
-        let mut is_left_out: Vec<bool> = samples.iter().map(|sample| sample.is_hidden).collect();
+        let mut is_left_out: Vec<bool> = samples.iter().map(|sample| sample.is_hidden()).collect();
         for run in contributions.chunk_by(|a, b| a.key == b.key) {
             set.push(run, samples, &grid);
-            if run.iter().all(|contribution| samples[contribution.sample as usize].is_hidden) {
+            if run.iter().all(|contribution| samples[contribution.sample as usize].is_hidden()) {
                 run.iter().for_each(|contribution| is_left_out[contribution.sample as usize] = false);
             }
         }
@@ -136,13 +136,13 @@ fn exposed<'r>(
     run: &'r [Contribution],
     samples: &'r [SurfaceSample],
 ) -> impl Iterator<Item = &'r Contribution> + 'r {
-    let is_hidden = |contribution: &Contribution| samples[contribution.sample as usize].is_hidden;
+    let is_hidden = |contribution: &Contribution| samples[contribution.sample as usize].is_hidden();
     let all = run.iter().all(is_hidden);
     run.iter().filter(move |contribution| all || !is_hidden(contribution))
 }
 
 fn merge(run: &[Contribution], samples: &[SurfaceSample], voxel: VoxelCoord, direction: Direction) -> BakePatch {
-    let mut area = 0.0f64;
+    let (mut area, mut seen) = (0.0f64, 0.0f64);
     let mut centroid = glam::DVec3::ZERO;
     let (mut reflectance, mut emission) = (glam::DVec3::ZERO, glam::DVec3::ZERO);
     let mut cumulated = Vec::with_capacity(run.len());
@@ -150,12 +150,15 @@ fn merge(run: &[Contribution], samples: &[SurfaceSample], voxel: VoxelCoord, dir
         let sample = &samples[contribution.sample as usize];
         let weight = f64::from(contribution.weight);
         area += weight;
-        centroid += sample.position.as_dvec3() * weight;
-        reflectance += sample.reflectance.as_dvec3() * weight;
-        emission += sample.emission.as_dvec3() * weight;
         cumulated.push((contribution.sample, area as f32));
+        // Exitance is what others see of the patch: open places count more. A patch of hidden ones counts all alike.
+        let seen_weight = weight * f64::from(if sample.is_hidden() { 1.0 } else { sample.openness });
+        seen += seen_weight;
+        centroid += sample.position.as_dvec3() * seen_weight;
+        reflectance += sample.reflectance.as_dvec3() * seen_weight;
+        emission += sample.emission.as_dvec3() * seen_weight;
     }
-    let mean = |sum: glam::DVec3| -> Vec3 { (sum / area).as_vec3() };
+    let mean = |sum: glam::DVec3| -> Vec3 { (sum / seen).as_vec3() };
     BakePatch {
         patch: Patch {
             voxel,
@@ -202,7 +205,7 @@ mod tests {
             area,
             reflectance: Rgb::splat(0.5),
             emission: Rgb::ZERO,
-            is_hidden: false,
+            openness: 1.0,
         }
     }
 

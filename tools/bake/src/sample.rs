@@ -38,8 +38,8 @@ pub struct SurfaceSample {
     pub reflectance: Rgb,
     /// `pi * L` that leaves this side, lm/m2.
     pub emission: Rgb,
-    /// Lies in a crevice: see [`crate::exposure`].
-    pub is_hidden: bool,
+    /// Share of its rays that go far, 0..=1; zero in a crevice: see [`crate::exposure`].
+    pub openness: f32,
 }
 
 /// The number of a side of a triangle.
@@ -66,6 +66,14 @@ pub fn side_weights(weights: AxisWeights, normal: Vec3) -> [(Direction, f32); 3]
     }
     let kept: f32 = shares.iter().map(|(_, w)| w).sum();
     shares.map(|(direction, weight)| (direction, weight * total / kept.max(f32::MIN_POSITIVE)))
+}
+
+impl SurfaceSample {
+    /// Whether it lies in a crevice.
+    #[must_use]
+    pub fn is_hidden(&self) -> bool {
+        self.openness == 0.0
+    }
 }
 
 /// Covers both sides of triangle `triangle` with points and hands them to `each`.
@@ -104,7 +112,7 @@ pub fn sample_triangle(
                         area,
                         reflectance: surface.reflectance,
                         emission: surface.emitted_radiance * std::f32::consts::PI,
-                        is_hidden: false,
+                        openness: 1.0,
                     });
                 }
             });

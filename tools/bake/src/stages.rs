@@ -200,7 +200,7 @@ fn exposed(
         })
         .collect();
     for (sample, exposure) in samples.iter_mut().zip(&exposures) {
-        sample.is_hidden = *exposure == Exposure::Hidden;
+        sample.openness = if let Exposure::Open(openness) = exposure { *openness } else { 0.0 };
     }
     let mut kept = exposures.iter().map(|exposure| *exposure != Exposure::Buried);
     samples.retain(|_| kept.next().unwrap_or(true));

@@ -2,7 +2,7 @@
 
 use anyhow::bail;
 use earthshine_tiles::{DirStore, TileStore};
-use earthshine_world::{Chunk, ChunkId, Direction, PatchId};
+use earthshine_world::{Chunk, ChunkId, Direction, PatchId, Rgb};
 use std::collections::BTreeMap;
 
 /// Entries of a row that are listed one by one.
@@ -19,19 +19,21 @@ pub(crate) fn chunk(store: &DirStore, id: ChunkId, json: bool) -> anyhow::Result
     let sky = mean(&mut chunk.rows.sky_shares.iter().map(|shares| shares.iter().sum()));
     let absorbed = mean(&mut chunk.rows.absorbed_shares.iter().copied());
     let (nonzeros, segments) = (chunk.rows.columns.len(), chunk.rows.segments.len());
+    let emitted: Rgb = chunk.patches.iter().map(|patch| patch.emission * patch.area).sum();
     let emitters = chunk.patches.iter().filter(|patch| patch.emission.max_element() > 0.0).count();
     if json {
         let summary = serde_json::json!({
             "chunk": id.coord.to_array(), "patches": chunk.patches.len(), "patches_by_direction": by_direction,
             "area_m2": area, "points": chunk.points.len(), "nonzeros": nonzeros, "seen_chunks": segments,
             "sky_share_mean": sky, "absorbed_share_mean": absorbed, "emitters": emitters,
+            "emitted_lm": emitted.to_array(),
             "occluder_triangles": chunk.occluders.triangles.len(),
         });
         println!("{summary}");
         return Ok(());
     }
     println!("chunk {id} spans {:.2} to {:.2} m", bounds.min, bounds.max);
-    println!("{} patches, {area:.1} m2, {} sample points, {emitters} emit", chunk.patches.len(), chunk.points.len());
+    println!("{} patches, {area:.1} m2, {} sample points; {emitters} emit {emitted:.3} lm", chunk.patches.len(), chunk.points.len());
     for (direction, count) in Direction::ALL.iter().zip(by_direction) {
         println!("  {direction:?} {count}");
     }
