@@ -188,12 +188,14 @@ impl EngineThread {
                 std::thread::park_timeout(due - now);
                 continue;
             }
-            if now >= due + period {
-                running.shell.metrics.ticks_late.inc();
-            }
             running.tick();
-            // A late tick is not made up for: the next one is a period after it was due, or now.
-            due = (due + period).max(Instant::now());
+            // A long tick is not made up for: the next one begins when it was due, or now.
+            due += period;
+            let now = Instant::now();
+            if now > due {
+                running.shell.metrics.ticks_late.inc();
+                due = now;
+            }
         }
     }
 }

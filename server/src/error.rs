@@ -22,11 +22,11 @@ pub enum ServerError {
     #[error(transparent)]
     Config(#[from] ConfigError),
     /// The world cannot be opened; the cause names the file.
-    #[error("cannot open the world: {0}")]
-    World(#[source] TileError),
+    #[error(transparent)]
+    World(TileError),
     /// The world's index contradicts itself.
-    #[error("cannot serve the world: {0}")]
-    Index(#[source] earthshine_engine::EngineError),
+    #[error(transparent)]
+    Index(earthshine_engine::EngineError),
     /// Somebody else listens there.
     #[error(
         "{address} is in use: stop the other process, or set `{key}` to another port (0 takes a free one)"
@@ -38,22 +38,22 @@ pub enum ServerError {
         address: SocketAddr,
     },
     /// The address cannot be bound for another reason.
-    #[error("cannot listen on {address} (`{key}`): {source}")]
+    #[error("cannot listen on {address} (`{key}`): {cause}")]
     Bind {
         /// Which key of the configuration.
         key: &'static str,
         /// What it says.
         address: SocketAddr,
         /// What the system said.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// A thread or a signal handler was refused by the system.
-    #[error("the system refused {what}: {source}")]
+    #[error("the system refused {what}: {cause}")]
     System {
         /// What was asked for.
         what: &'static str,
         /// What the system said.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// The engine's thread ended by itself: a broken invariant, or a backend that failed.
     #[error("the engine stopped: {cause}. Restart the service; report this if it comes again")]
@@ -62,7 +62,7 @@ pub enum ServerError {
         cause: String,
     },
     /// The transport failed as a whole.
-    #[error("the gRPC transport failed: {0}")]
+    #[error("the gRPC transport failed")]
     Transport(#[from] tonic::transport::Error),
     /// The service was asked to stop and did not within its time.
     #[error("{stage} did not end within {limit:?}; raise `drain_timeout_s` if that was needed")]

@@ -50,7 +50,7 @@ pub(crate) struct Metrics {
     pub(crate) tile_seconds: Histogram,
     /// Time of a tick.
     pub(crate) tick_seconds: Histogram,
-    /// Ticks that began late by a whole period or more.
+    /// Ticks that took longer than a period: the next one began late.
     pub(crate) ticks_late: Counter,
 }
 
@@ -102,7 +102,7 @@ impl Metrics {
             ("tiles_loaded", "Tiles handed to the engine", &self.tiles_loaded),
             ("tiles_failed", "Tiles that could not be had", &self.tiles_failed),
             ("tiles_cancelled", "Tiles read in vain", &self.tiles_cancelled),
-            ("ticks_late", "Ticks that began late by a period or more", &self.ticks_late),
+            ("ticks_late", "Ticks that took longer than a period", &self.ticks_late),
         ];
         for (name, help, counter) in counters {
             self.registry.register(name, help, counter.clone());

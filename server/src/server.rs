@@ -154,7 +154,7 @@ impl Server {
         // The engine never has more requests open than it is configured for.
         let requests_max = config.engine.tiles_in_flight_max;
         let loader = TileLoader::start(&self.store, config.loader_threads, requests_max, &answers, &metrics)
-            .map_err(|source| ServerError::System { what: "a loader thread", source })?;
+            .map_err(|cause| ServerError::System { what: "a loader thread", cause })?;
         let thread = EngineThread {
             engine: self.engine,
             period: seconds(1.0 / config.tick_rate_hz),
@@ -164,9 +164,9 @@ impl Server {
             report: Arc::clone(&report),
             metrics: Arc::clone(&metrics),
         };
-        let engine = thread.start().map_err(|source| {
+        let engine = thread.start().map_err(|cause| {
             loader.requests.stop();
-            ServerError::System { what: "the engine's thread", source }
+            ServerError::System { what: "the engine's thread", cause }
         })?;
 
         let draining = Arc::new(AtomicBool::new(false));
@@ -278,9 +278,9 @@ fn backends(kind: BackendKind) -> BackendFactory {
 }
 
 async fn bind(key: &'static str, address: SocketAddr) -> Result<(TcpListener, SocketAddr), ServerError> {
-    let failed = |source: std::io::Error| match source.kind() {
+    let failed = |cause: std::io::Error| match cause.kind() {
         ErrorKind::AddrInUse => ServerError::AddressInUse { key, address },
-        _ => ServerError::Bind { key, address, source },
+        _ => ServerError::Bind { key, address, cause },
     };
     let listener = TcpListener::bind(address).await.map_err(failed)?;
     let bound = listener.local_addr().map_err(failed)?;

@@ -12,7 +12,7 @@ use tokio::time::Instant;
 /// # Errors
 /// [`ServerError::System`] if the system refuses the handlers.
 pub async fn signal() -> Result<(), ServerError> {
-    let system = |source| ServerError::System { what: "a signal handler", source };
+    let system = |cause| ServerError::System { what: "a signal handler", cause };
     #[cfg(unix)]
     {
         use tokio::signal::unix::{SignalKind, signal};

@@ -4,6 +4,7 @@
 
 use super::load::{ConfigError, read};
 use super::{BackendKind, Config, Secret};
+use crate::ServerError;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
@@ -49,8 +50,8 @@ impl ServeArgs {
     /// The configuration these arguments ask for, checked.
     ///
     /// # Errors
-    /// [`ConfigError`], naming the file and line, the flag, or the key.
-    pub fn resolve(self) -> Result<Config, ConfigError> {
+    /// [`ServerError::Config`], naming the file and line, the flag, or the key.
+    pub fn resolve(self) -> Result<Config, ServerError> {
         let text = self.config.as_deref().map(read).transpose()?.unwrap_or_default();
         let path = self.config.as_deref().unwrap_or(Path::new("(defaults)"));
         // Typed first: a fault of the file is reported with its line, before any overlay.

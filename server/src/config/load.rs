@@ -9,12 +9,12 @@ use std::time::Duration;
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// The file could not be read.
-    #[error("cannot read the configuration {path:?}: {source}")]
+    #[error("cannot read the configuration {path:?}: {cause}")]
     Read {
         /// Which file.
         path: PathBuf,
         /// What the system said.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// The file is not what [`Config`] expects: syntax, an unknown key, a value of the wrong type.
     #[error("{}:{line}:{column}: {message}", path.display())]
@@ -168,7 +168,7 @@ fn refuse(key: &'static str, value: impl ToString, requirement: &'static str) ->
 
 /// The text of the file at `path`.
 pub(super) fn read(path: &Path) -> Result<String, ConfigError> {
-    std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })
+    std::fs::read_to_string(path).map_err(|cause| ConfigError::Read { path: path.to_owned(), cause })
 }
 
 /// A checked number of seconds as a duration.

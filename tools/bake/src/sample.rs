@@ -86,7 +86,7 @@ pub fn sample_triangle(
     let material = &scene.materials[scene.material_of[triangle] as usize];
     let normal = scene.normal(triangle);
     let edge = parameters.grid.voxel_edge_m;
-    let off_edge = (OFF_EDGE * edge).max(2.0 * earthshine_trace::NEAREST_M);
+    let off_edge = OFF_EDGE * edge;
     let point_area = edge * edge / parameters.samples_per_voxel_face.max(1) as f32;
     for front in [true, false] {
         if !front && !parameters.two_sided && !material.double_sided {

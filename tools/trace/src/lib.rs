@@ -17,8 +17,9 @@ use obvhs::cwbvh::node::CwBvhNode;
 use obvhs::triangle::Triangle;
 use std::time::Duration;
 
-/// Nearest that a surface may be to a ray's origin, m: boxes that end before it are skipped by the tree.
-pub const NEAREST_M: f32 = 1e-4;
+/// Rays begin this far behind their origin, m, and count from the origin on: the tree skips boxes that end nearer than
+/// 0.1 mm, and a wall that near would let the ray out.
+const RUN_UP_M: f32 = 2e-4;
 
 /// Where a ray meets the scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -82,7 +83,8 @@ impl<'scene> SceneTracer<'scene> {
         if self.triangles.is_empty() {
             return None;
         }
-        let mut ray = ray(origin, direction, distance_min, distance_max);
+        let start = origin - direction * RUN_UP_M;
+        let mut ray = ray(start, direction, distance_min + RUN_UP_M, distance_max + RUN_UP_M);
         let mut state = self.tree.new_traversal(ray.direction);
         let mut node: &CwBvhNode;
         let mut closest = None;
@@ -93,7 +95,7 @@ impl<'scene> SceneTracer<'scene> {
                 closest = Some(hit);
             }
         });
-        closest
+        closest.map(|hit| Hit { distance: hit.distance - RUN_UP_M, ..hit })
     }
 
     /// Whether anything but holes lies between `origin` and `distance` along `direction`.
@@ -102,7 +104,7 @@ impl<'scene> SceneTracer<'scene> {
         if self.triangles.is_empty() {
             return false;
         }
-        let ray = ray(origin, direction, 0.0, distance);
+        let ray = ray(origin - direction * RUN_UP_M, direction, RUN_UP_M, distance + RUN_UP_M);
         let mut state = self.tree.new_traversal(ray.direction);
         let mut node: &CwBvhNode;
         obvhs::traverse!(self.tree, node, state, node.intersect_ray(&ray, state.oct_inv4), {
