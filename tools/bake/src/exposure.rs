@@ -23,7 +23,7 @@ pub enum Exposure {
     Open(f32),
     /// Stands for its area where nothing else does.
     Hidden,
-    /// Left out.
+    /// Stands for nothing.
     Buried,
 }
 

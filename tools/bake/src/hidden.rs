@@ -17,7 +17,7 @@ pub struct HiddenPlaces {
 }
 
 impl HiddenPlaces {
-    /// Collects the pieces of samples that are hidden and stand for nothing.
+    /// Collects the pieces of samples that stand for nothing: hidden or buried.
     #[must_use]
     pub fn collect(samples: &[SurfaceSample], is_left_out: &[bool]) -> Self {
         let concerned: HashSet<Piece> = samples

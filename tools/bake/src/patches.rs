@@ -1,5 +1,6 @@
 //! Samples to patches: what faces one direction in one voxel.
 
+use crate::exposure::Exposure;
 use crate::hidden::HiddenPlaces;
 use crate::sample::{SurfaceSample, side_weights};
 use earthshine_tiles::BakeParameters;
@@ -66,6 +67,9 @@ impl PatchSet {
         let grid = parameters.grid;
         let mut contributions: Vec<Contribution> = Vec::with_capacity(samples.len());
         for (index, sample) in samples.iter().enumerate() {
+            if sample.exposure == Exposure::Buried {
+                continue;
+            }
             for (direction, weight) in side_weights(parameters.weights, sample.normal) {
                 if weight > 0.0 {
                     contributions.push(Contribution {
@@ -84,10 +88,11 @@ impl PatchSet {
             hidden: HiddenPlaces::default(),
         };
         // Hidden samples stand for nothing until a patch has nothing else.
-        let mut is_left_out: Vec<bool> = samples.iter().map(|sample| sample.is_hidden()).collect();
+        let is_open = |sample: &SurfaceSample| matches!(sample.exposure, Exposure::Open(_));
+        let mut is_left_out: Vec<bool> = samples.iter().map(|sample| !is_open(sample)).collect();
         for run in contributions.chunk_by(|a, b| a.key == b.key) {
             set.push(run, samples, &grid);
-            if run.iter().all(|contribution| samples[contribution.sample as usize].is_hidden()) {
+            if !run.iter().any(|contribution| is_open(&samples[contribution.sample as usize])) {
                 run.iter().for_each(|contribution| is_left_out[contribution.sample as usize] = false);
             }
         }
@@ -136,7 +141,9 @@ fn exposed<'r>(
     run: &'r [Contribution],
     samples: &'r [SurfaceSample],
 ) -> impl Iterator<Item = &'r Contribution> + 'r {
-    let is_hidden = |contribution: &Contribution| samples[contribution.sample as usize].is_hidden();
+    let is_hidden = |contribution: &Contribution| {
+        samples[contribution.sample as usize].exposure == Exposure::Hidden
+    };
     let all = run.iter().all(is_hidden);
     run.iter().filter(move |contribution| all || !is_hidden(contribution))
 }
@@ -152,7 +159,8 @@ fn merge(run: &[Contribution], samples: &[SurfaceSample], voxel: VoxelCoord, dir
         area += weight;
         cumulated.push((contribution.sample, area as f32));
         // Exitance is what others see of the patch: open places count more. A patch of hidden ones counts all alike.
-        let seen_weight = weight * f64::from(if sample.is_hidden() { 1.0 } else { sample.openness });
+        let openness = if let Exposure::Open(openness) = sample.exposure { openness } else { 1.0 };
+        let seen_weight = weight * f64::from(openness);
         seen += seen_weight;
         centroid += sample.position.as_dvec3() * seen_weight;
         reflectance += sample.reflectance.as_dvec3() * seen_weight;
@@ -205,7 +213,7 @@ mod tests {
             area,
             reflectance: Rgb::splat(0.5),
             emission: Rgb::ZERO,
-            openness: 1.0,
+            exposure: Exposure::Open(1.0),
         }
     }
 

@@ -4,6 +4,7 @@
 //! voxel cuts from a triangle gets at least one point, so that no surface a ray can hit lacks a patch.
 
 use crate::clip::{Polygon, clip_to_grid};
+use crate::exposure::Exposure;
 use earthshine_scene::Scene;
 use earthshine_tiles::BakeParameters;
 use earthshine_world::random::{Purpose, hash, unit_pair};
@@ -38,8 +39,8 @@ pub struct SurfaceSample {
     pub reflectance: Rgb,
     /// `pi * L` that leaves this side, lm/m2.
     pub emission: Rgb,
-    /// Share of its rays that go far, 0..=1; zero in a crevice: see [`crate::exposure`].
-    pub openness: f32,
+    /// Whether it counts, and how much.
+    pub exposure: Exposure,
 }
 
 /// The number of a side of a triangle.
@@ -66,14 +67,6 @@ pub fn side_weights(weights: AxisWeights, normal: Vec3) -> [(Direction, f32); 3]
     }
     let kept: f32 = shares.iter().map(|(_, w)| w).sum();
     shares.map(|(direction, weight)| (direction, weight * total / kept.max(f32::MIN_POSITIVE)))
-}
-
-impl SurfaceSample {
-    /// Whether it lies in a crevice.
-    #[must_use]
-    pub fn is_hidden(&self) -> bool {
-        self.openness == 0.0
-    }
 }
 
 /// Covers both sides of triangle `triangle` with points and hands them to `each`.
@@ -112,7 +105,7 @@ pub fn sample_triangle(
                         area,
                         reflectance: surface.reflectance,
                         emission: surface.emitted_radiance * std::f32::consts::PI,
-                        openness: 1.0,
+                        exposure: Exposure::Open(1.0),
                     });
                 }
             });

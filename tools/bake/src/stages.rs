@@ -68,7 +68,8 @@ pub fn bake(
     clock.summary.samples = samples.len() as u64;
     clock.end(Stage::Sample);
     let samples = exposed(&tracer, samples, parameters, progress);
-    clock.summary.buried_samples = clock.summary.samples - samples.len() as u64;
+    let is_buried = |sample: &&SurfaceSample| sample.exposure == Exposure::Buried;
+    clock.summary.buried_samples = samples.iter().filter(is_buried).count() as u64;
     let set = PatchSet::group(&samples, parameters);
     clock.end(Stage::Exposure);
     if set.is_empty() {
@@ -175,7 +176,7 @@ fn covered(scene: &Scene, parameters: &BakeParameters, progress: &dyn Progress) 
     batches.concat()
 }
 
-/// Drops buried samples and marks hidden ones.
+/// Tells how exposed each sample is.
 fn exposed(
     tracer: &SceneTracer<'_>,
     mut samples: Vec<SurfaceSample>,
@@ -199,11 +200,9 @@ fn exposed(
             run.iter().enumerate().map(move |(i, sample)| test.of(sample, (batch * BATCH + i) as u64))
         })
         .collect();
-    for (sample, exposure) in samples.iter_mut().zip(&exposures) {
-        sample.openness = if let Exposure::Open(openness) = exposure { *openness } else { 0.0 };
+    for (sample, exposure) in samples.iter_mut().zip(exposures) {
+        sample.exposure = exposure;
     }
-    let mut kept = exposures.iter().map(|exposure| *exposure != Exposure::Buried);
-    samples.retain(|_| kept.next().unwrap_or(true));
     samples
 }
 
