@@ -1,10 +1,10 @@
-//! Connect, move, read a colour: `cargo run --release --example hello_light -p earthshine-client -- http://127.0.0.1:7420`
+//! Connect, move, read a colour: `cargo run --release --example hello_light -p earthshine-client -- http://127.0.0.1:7461`
 
 use earthshine_client::{Camera, ClientError, ClientOptions, Vec3, blocking::Client};
 use std::time::Duration;
 
 fn main() -> Result<(), ClientError> {
-    let uri = std::env::args().nth(1).unwrap_or_else(|| "http://127.0.0.1:7420".to_owned());
+    let uri = std::env::args().nth(1).unwrap_or_else(|| "http://127.0.0.1:7461".to_owned());
     let mut client = Client::connect(&uri, ClientOptions::default())?;
     let middle = (client.session().bounds_min + client.session().bounds_max) / 2.0;
     for step in 0..100 {

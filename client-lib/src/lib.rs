@@ -4,7 +4,7 @@
 //! # async fn example() -> Result<(), earthshine_client::ClientError> {
 //! use earthshine_client::{Camera, Client, ClientOptions, Vec3};
 //!
-//! let mut client = Client::connect("http://127.0.0.1:7420", ClientOptions::default()).await?;
+//! let mut client = Client::connect("http://127.0.0.1:7461", ClientOptions::default()).await?;
 //! client.set_camera(Camera { position: Vec3::new(0.0, 1.7, 0.0), forward: Vec3::NEG_Z, velocity: Vec3::ZERO })?;
 //! let light = client.next_light().await?;
 //! println!("{:?}", light.lookup(Vec3::ZERO, Vec3::Y));
