@@ -6,8 +6,11 @@ use earthshine_volume::lookup::{NORMAL_OFFSET_VOXELS, WEIGHT_MIN};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 
 fn parsed(source: &str) -> naga::Module {
-    let module = naga::front::wgsl::parse_str(source).unwrap_or_else(|e| panic!("{}", e.emit_to_string(source)));
-    Validator::new(ValidationFlags::all(), Capabilities::default()).validate(&module).expect("a valid module");
+    let module =
+        naga::front::wgsl::parse_str(source).unwrap_or_else(|e| panic!("{}", e.emit_to_string(source)));
+    Validator::new(ValidationFlags::all(), Capabilities::default())
+        .validate(&module)
+        .expect("a valid module");
     module
 }
 

@@ -73,7 +73,8 @@ impl Sky {
     /// Irradiance that a row's sky shares receive from this sky, lx: `pi * sum_lobe share * L`.
     #[must_use]
     pub fn irradiance(&self, sky_shares: &[f32; 6]) -> Rgb {
-        self.lobes.iter().zip(sky_shares).map(|(&lobe, &share)| lobe * share).sum::<Rgb>() * std::f32::consts::PI
+        self.lobes.iter().zip(sky_shares).map(|(&lobe, &share)| lobe * share).sum::<Rgb>()
+            * std::f32::consts::PI
     }
 }
 

@@ -115,7 +115,11 @@ mod tests {
     #[test]
     fn rows_come_back_and_damage_is_noticed() {
         let rows = vec![
-            RawRow { entries: vec![(1, 0.25), (7, 0.5)], sky: [0.1, 0.0, 0.0, 0.0, 0.05, 0.0], absorbed: 0.1 },
+            RawRow {
+                entries: vec![(1, 0.25), (7, 0.5)],
+                sky: [0.1, 0.0, 0.0, 0.0, 0.05, 0.0],
+                absorbed: 0.1,
+            },
             RawRow::default(),
         ];
         let bytes = encode(&rows);

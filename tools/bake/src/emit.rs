@@ -43,7 +43,11 @@ impl Emitter<'_> {
     pub fn chunk(&self, coord: [i32; 3]) -> Result<Chunk, BakeError> {
         let range = self.set.chunks.get(&coord).cloned().unwrap_or(0..0);
         if range.len() > Chunk::PATCHES_MAX {
-            return Err(BakeError::TooManyPatches { chunk: coord, patches: range.len(), max: Chunk::PATCHES_MAX });
+            return Err(BakeError::TooManyPatches {
+                chunk: coord,
+                patches: range.len(),
+                max: Chunk::PATCHES_MAX,
+            });
         }
         let (mut patches, mut points) = (Vec::with_capacity(range.len()), Vec::new());
         for source in &self.set.patches[range.start as usize..range.end as usize] {

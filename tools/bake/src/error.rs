@@ -29,7 +29,9 @@ pub enum BakeError {
         max: usize,
     },
     /// Nothing that light could leave or reach.
-    #[error("no patches: every surface is buried, a hole or without area; check the scene's scale against the voxel edge of {voxel_edge_m} m")]
+    #[error(
+        "no patches: every surface is buried, a hole or without area; check the scene's scale against the voxel edge of {voxel_edge_m} m"
+    )]
     NoPatches {
         /// m.
         voxel_edge_m: f32,

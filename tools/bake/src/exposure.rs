@@ -44,7 +44,7 @@ const LIGHT_PATH_SEGMENTS: u64 = 8;
 pub struct ExposureTest<'a> {
     /// The scene.
     pub tracer: &'a SceneTracer<'a>,
-    /// Most rays a point; most points need [`FIRST_RAYS`].
+    /// Most rays a point; most points need few.
     pub rays: u32,
     /// m.
     pub voxel_edge_m: f32,
@@ -98,7 +98,9 @@ impl ExposureTest<'_> {
                 let index = 1 + path * LIGHT_PATH_SEGMENTS + segment;
                 let (u, v) = unit_pair(hash(self.seed, Purpose::BuriedTest, key, index));
                 let direction = cosine_direction(side, u, v);
-                let Some(hit) = self.tracer.closest(place, direction, 0.0, f32::INFINITY) else { return true };
+                let Some(hit) = self.tracer.closest(place, direction, 0.0, f32::INFINITY) else {
+                    return true;
+                };
                 if self.tracer.surface(&hit).emitted_radiance != Vec3::ZERO {
                     return true;
                 }

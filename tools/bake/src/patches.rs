@@ -141,14 +141,18 @@ fn exposed<'r>(
     run: &'r [Contribution],
     samples: &'r [SurfaceSample],
 ) -> impl Iterator<Item = &'r Contribution> + 'r {
-    let is_hidden = |contribution: &Contribution| {
-        samples[contribution.sample as usize].exposure == Exposure::Hidden
-    };
+    let is_hidden =
+        |contribution: &Contribution| samples[contribution.sample as usize].exposure == Exposure::Hidden;
     let all = run.iter().all(is_hidden);
     run.iter().filter(move |contribution| all || !is_hidden(contribution))
 }
 
-fn merge(run: &[Contribution], samples: &[SurfaceSample], voxel: VoxelCoord, direction: Direction) -> BakePatch {
+fn merge(
+    run: &[Contribution],
+    samples: &[SurfaceSample],
+    voxel: VoxelCoord,
+    direction: Direction,
+) -> BakePatch {
     let (mut area, mut seen) = (0.0f64, 0.0f64);
     let mut centroid = glam::DVec3::ZERO;
     let (mut reflectance, mut emission) = (glam::DVec3::ZERO, glam::DVec3::ZERO);

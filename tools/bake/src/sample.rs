@@ -91,7 +91,8 @@ pub fn sample_triangle(
         let mut piece = 0u64;
         clip_to_grid(shifted, edge, |voxel, polygon| {
             piece += 1;
-            let key = hash(parameters.seed, Purpose::SamplePoint, triangle as u64 * 2 + u64::from(front), piece);
+            let key =
+                hash(parameters.seed, Purpose::SamplePoint, triangle as u64 * 2 + u64::from(front), piece);
             cover(polygon, point_area, key, |shifted_position, area| {
                 let position = inset(scene.triangles[triangle], shifted_position - shift, off_edge);
                 let (u, v) = barycentric(scene.triangles[triangle], position);
@@ -152,10 +153,7 @@ fn barycentric([a, b, c]: [Vec3; 3], point: Vec3) -> (f32, f32) {
     let (e1, e2, p) = (b - a, c - a, point - a);
     let normal = e1.cross(e2);
     let scale = 1.0 / normal.length_squared().max(f32::MIN_POSITIVE);
-    (
-        (p.cross(e2).dot(normal) * scale).clamp(0.0, 1.0),
-        (e1.cross(p).dot(normal) * scale).clamp(0.0, 1.0),
-    )
+    ((p.cross(e2).dot(normal) * scale).clamp(0.0, 1.0), (e1.cross(p).dot(normal) * scale).clamp(0.0, 1.0))
 }
 
 #[cfg(test)]

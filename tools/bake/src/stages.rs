@@ -9,7 +9,9 @@ use crate::rows::{RAY_OFFSET, RawRow, trace_row};
 use crate::sample::{SurfaceSample, sample_triangle};
 use crate::{BakeError, BakeSummary, identity, reciprocity};
 use earthshine_scene::Scene;
-use earthshine_tiles::{BakeParameters, ChunkEntry, EncodeOptions, Manifest, RowCodec, encode, format, tile_file_name};
+use earthshine_tiles::{
+    BakeParameters, ChunkEntry, EncodeOptions, Manifest, RowCodec, encode, format, tile_file_name,
+};
 use earthshine_tiles::{tile_hash, write_atomic};
 use earthshine_trace::SceneTracer;
 use earthshine_world::{Chunk, Grid, LightRig};

@@ -11,7 +11,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 fn scene(kind: WorldKind) -> Scene {
     let glb = earthshine_gen::generate(kind, &GenOptions::default(), &|_, _| {}).expect("a generated scene");
-    earthshine_scene::load_bytes(&glb.bytes, "generated", &ImportOptions::default()).expect("an importable scene")
+    earthshine_scene::load_bytes(&glb.bytes, "generated", &ImportOptions::default())
+        .expect("an importable scene")
 }
 
 fn options(voxel_edge_m: f32) -> BakeOptions {
@@ -85,7 +86,8 @@ fn the_same_bytes_at_any_thread_count_and_after_an_interruption() {
     assert_eq!(files(&one), files(&two));
 
     let plug = PullThePlug { total: AtomicU64::new(u64::MAX), done: AtomicU64::new(0) };
-    let stopped = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| bake_with(1, &scene, &cut, &plug)));
+    let stopped =
+        std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| bake_with(1, &scene, &cut, &plug)));
     assert!(stopped.is_err());
     assert!(!cut.join("world.toml").is_file(), "no manifest before the world is whole");
     let resumed = bake_with(2, &scene, &cut, &Silent);

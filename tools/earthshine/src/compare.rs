@@ -119,8 +119,17 @@ fn points(
         return Ok(());
     }
     println!("{} points compared, {} without light", errors.points, errors.uncovered);
-    println!("median {:.2} %, p90 {:.2} %, p99 {:.2} %", errors.median_rel * 100.0, errors.p90_rel * 100.0, errors.p99_rel * 100.0);
+    println!(
+        "median {:.2} %, p90 {:.2} %, p99 {:.2} %",
+        errors.median_rel * 100.0,
+        errors.p90_rel * 100.0,
+        errors.p99_rel * 100.0
+    );
     println!("RMSE {:.2} % of the mean, bias {:+.2} %", errors.rel_rmse * 100.0, errors.bias * 100.0);
-    println!("{:.2} % beyond a factor of two; the reference's own noise {:.2} %", errors.beyond_factor_two * 100.0, errors.reference_noise_rel * 100.0);
+    println!(
+        "{:.2} % beyond a factor of two; the reference's own noise {:.2} %",
+        errors.beyond_factor_two * 100.0,
+        errors.reference_noise_rel * 100.0
+    );
     Ok(())
 }

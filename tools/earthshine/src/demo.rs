@@ -3,20 +3,20 @@
 mod page;
 
 use crate::fly::{print_report, sun_path};
+use crate::lights_wire;
 use crate::machine;
 use crate::progress_bars::BakeBars;
 use crate::scene_source::{self, SceneSource};
 use crate::view::{Comparison, ViewArguments};
-use crate::lights_wire;
 use anyhow::Context as _;
 use clap::Args;
 use earthshine_bake::{BakeOptions, BakeSummary};
 use earthshine_client::Lights;
 use earthshine_fly::{FlyFrame, FlyOptions, FlyReport, Path as FlyPath};
 use earthshine_gen::GenOptions;
+use earthshine_render::SceneTracer;
 use earthshine_render::metrics::PictureErrors;
 use earthshine_render::picture::PictureOptions;
-use earthshine_render::SceneTracer;
 use earthshine_server::{Config, Server};
 use earthshine_tiles::{BakeParameters, RowCodec};
 use earthshine_world::{Grid, Vec3};
@@ -82,7 +82,8 @@ pub(crate) fn run(arguments: &DemoArguments) -> anyhow::Result<()> {
     say("drawing what the client received, beside a path-traced reference");
     let pictures = draw(arguments, &source, &frames)?;
     let peak_rss_bytes = machine::peak_rss_bytes();
-    let summary = Summary { bake, flight, pictures, seconds: started.elapsed().as_secs_f64(), peak_rss_bytes };
+    let summary =
+        Summary { bake, flight, pictures, seconds: started.elapsed().as_secs_f64(), peak_rss_bytes };
     let page = arguments.out.join("index.html");
     std::fs::write(&page, page::html(&summary)).with_context(|| page.display().to_string())?;
     if arguments.json {
@@ -133,8 +134,9 @@ fn serve_and_fly(
         let options = flight(arguments, &uri, source);
         let mut frames = Vec::new();
         let report = earthshine_fly::fly(&options, |frame| frames.push(frame)).await;
-        // The server may have stopped by itself; its own error comes below.
-        drop(stop.send(()));
+        if stop.send(()).is_err() {
+            eprintln!("the server stopped by itself; its own error follows");
+        }
         serving.await.context("the server's task")??;
         Ok((report?, frames))
     })

@@ -25,7 +25,8 @@ pub(crate) const FAULTS: u8 = 9;
 /// For `--help`.
 pub(crate) const HELP: &str = "\
 Exit codes: 0 done; 1 other; 2 command line; 3 input file (scene, lights, points, picture); 4 world or tile;
-5 configuration; 6 address in use; 7 connection; 8 storage (disk full, permissions); 9 a check found faults.
+5 configuration; 6 address in use; 7 connection; 8 storage (disk full, permissions); 9 a check found faults;
+10 the service failed while running; 11 it did not drain in time.
 
 Examples:
   earthshine demo

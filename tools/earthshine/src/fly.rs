@@ -1,8 +1,8 @@
 //! `earthshine fly`: a camera path through the client library, with latencies, misses and pictures.
 
 use crate::lights_wire;
-use crate::view::{ViewArguments, vector, write_layers};
 use crate::scene_source;
+use crate::view::{ViewArguments, vector, write_layers};
 use anyhow::{Context as _, bail};
 use clap::{Args, ValueEnum};
 use earthshine_client::World;
@@ -214,7 +214,10 @@ pub(crate) fn print_report(report: &FlyReport) {
         milliseconds(report.latency_ms_p99),
         milliseconds(report.first_light_ms)
     );
-    println!("misses: {} of {} frames; dark probes {} of {}", report.misses, report.probed_frames, report.dark_probes, report.probes);
+    println!(
+        "misses: {} of {} frames; dark probes {} of {}",
+        report.misses, report.probed_frames, report.dark_probes, report.probes
+    );
     if report.teleports > 0 {
         println!(
             "teleports: {} of {} lit, p50 {}, p99 {}",

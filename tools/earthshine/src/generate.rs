@@ -84,10 +84,7 @@ pub(crate) fn run(arguments: &GenArguments) -> anyhow::Result<()> {
         println!("{summary}");
     } else {
         let megabytes = bytes as f64 / 1e6;
-        println!(
-            "{}: {triangles} triangles, {lights} lights, {megabytes:.1} MB",
-            arguments.output.display()
-        );
+        println!("{}: {triangles} triangles, {lights} lights, {megabytes:.1} MB", arguments.output.display());
     }
     Ok(())
 }

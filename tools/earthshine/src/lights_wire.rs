@@ -54,7 +54,11 @@ mod tests {
     fn a_rig_comes_back_as_it_went() {
         let rig = LightRig {
             lights: vec![
-                Light::Directional { direction: Vec3::NEG_Y, illuminance: Vec3::ONE, angular_diameter_rad: 0.1 },
+                Light::Directional {
+                    direction: Vec3::NEG_Y,
+                    illuminance: Vec3::ONE,
+                    angular_diameter_rad: 0.1,
+                },
                 Light::Point { position: Vec3::X, intensity: Vec3::Z, range_m: Some(3.0) },
                 Light::Spot {
                     position: Vec3::Y,

@@ -30,7 +30,7 @@ use std::process::ExitCode;
 #[derive(Parser)]
 #[command(version, about, after_help = exit_code::HELP)]
 struct Arguments {
-    /// Log filter, as in RUST_LOG: error, warn, info, debug, or target=level.
+    /// Log filter, as in `RUST_LOG`: error, warn, info, debug, or target=level.
     #[arg(long, global = true, env = "EARTHSHINE_LOG", default_value = "warn")]
     log: String,
     /// Logs as JSON lines.
@@ -95,7 +95,11 @@ fn start_logging(arguments: &Arguments) -> anyhow::Result<()> {
     let filter = tracing_subscriber::EnvFilter::try_new(&arguments.log)
         .map_err(|error| anyhow::anyhow!("--log {:?}: {error}", arguments.log))?;
     let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
-    if arguments.log_json { builder.json().init() } else { builder.init() }
+    if arguments.log_json {
+        builder.json().init();
+    } else {
+        builder.init();
+    }
     Ok(())
 }
 

@@ -41,12 +41,14 @@ impl Progress for BakeBars {
 /// A bar over `total` `unit`s.
 pub(crate) fn counted(name: &'static str, unit: &'static str, total: u64, quiet: bool) -> ProgressBar {
     let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
-    let style = ProgressStyle::with_template("{prefix:>12} [{bar:30}] {percent:>3}% {rate:>22} {eta:>5} left")
-        .expect("the template is a constant")
-        .progress_chars("=> ")
-        .with_key("rate", move |state: &ProgressState, out: &mut dyn std::fmt::Write| {
-            let _ = write!(out, "{} {unit}/s", HumanCount(state.per_sec() as u64));
-        });
+    let style =
+        ProgressStyle::with_template("{prefix:>12} [{bar:30}] {percent:>3}% {rate:>22} {eta:>5} left")
+            .expect("the template is a constant")
+            .progress_chars("=> ")
+            .with_key("rate", move |state: &ProgressState, out: &mut dyn std::fmt::Write| {
+                write!(out, "{} {unit}/s", HumanCount(state.per_sec() as u64))
+                    .expect("a string takes any text");
+            });
     let bar = ProgressBar::with_draw_target(Some(total), target);
     bar.set_style(style);
     bar.set_prefix(name);

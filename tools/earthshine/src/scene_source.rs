@@ -14,11 +14,7 @@ pub(crate) struct SceneSource {
 }
 
 /// Loads `scene`, and `lights` where a file is given.
-pub(crate) fn load(
-    scene: &str,
-    lights: Option<&Path>,
-    metals_black: bool,
-) -> anyhow::Result<SceneSource> {
+pub(crate) fn load(scene: &str, lights: Option<&Path>, metals_black: bool) -> anyhow::Result<SceneSource> {
     load_generated(scene, lights, metals_black, &GenOptions::default())
 }
 

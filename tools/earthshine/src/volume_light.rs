@@ -55,7 +55,11 @@ fn sees_out(tracer: &SceneTracer<'_>, position: Vec3, normal: Vec3, seed: u64, i
 }
 
 /// Reference and measured light beside each other, one line a point; uncovered points have empty fields.
-pub(crate) fn write_csv(path: &Path, reference: &[ReferencePoint], measured: &[Option<Rgb>]) -> anyhow::Result<()> {
+pub(crate) fn write_csv(
+    path: &Path,
+    reference: &[ReferencePoint],
+    measured: &[Option<Rgb>],
+) -> anyhow::Result<()> {
     let about = || format!("{}", path.display());
     let mut file = std::io::BufWriter::new(std::fs::File::create(path).with_context(about)?);
     writeln!(file, "x,y,z,nx,ny,nz,r,g,b,measured_r,measured_g,measured_b").with_context(about)?;

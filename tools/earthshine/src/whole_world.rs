@@ -4,7 +4,7 @@
 
 use anyhow::Context as _;
 use earthshine_light::{OccluderSet, Occluders, direct_irradiance};
-use earthshine_radiosity::gather::{GatherLimits, SparseRows, Sources, gather};
+use earthshine_radiosity::gather::{GatherLimits, Sources, SparseRows, gather};
 use earthshine_tiles::{DirStore, Manifest, TileStore};
 use earthshine_volume::{Layout, Volume};
 use earthshine_world::{Chunk, ChunkId, LightRig, Rgb};
@@ -47,11 +47,6 @@ impl WholeWorld {
         }
         let rows = global_rows(&chunks)?;
         Ok(Self { manifest, chunks, rows, occluders })
-    }
-
-    /// Number of patches.
-    pub(crate) fn patch_count(&self) -> usize {
-        self.chunks.iter().map(|chunk| chunk.patches.len()).sum()
     }
 
     /// Solves the light of `rig`, all bounces.

@@ -13,7 +13,7 @@
 //! | [`sampling`] | random streams and directions |
 //! | [`reference`](mod@reference) | many paths: mean, standard error, when to stop |
 //! | [`csv`] | reference light on disk |
-//! | [`compare_points`] | errors of light at points |
+//! | [`compare_points`](mod@compare_points) | errors of light at points |
 //! | [`camera`] | a pinhole |
 //! | [`picture`] | layers of a picture: direct, indirect, full |
 //! | [`image_file`] | exposure, PNG, EXR |

@@ -5,7 +5,8 @@ use anyhow::Result;
 use std::path::Path;
 
 /// Arguments after `earthshine bench`, one suite a line.
-const SUITES: &[&str] = &["accuracy --scene furnace", "accuracy --scene cornell", "matrix", "bake --scene town"];
+const SUITES: &[&str] =
+    &["accuracy --scene furnace", "accuracy --scene cornell", "matrix", "bake --scene town"];
 
 /// Runs them one after another: two benches at once measure each other.
 pub(crate) fn run(root: &Path) -> Result<()> {

@@ -19,7 +19,9 @@ pub(crate) fn faults(root: &Path) -> Result<Vec<String>> {
         };
         let used = ours(&manifest, "dependencies");
         for extra in used.difference(allowed) {
-            faults.push(format!("{package} imports {extra}, which ARCHITECTURE.md's import table does not allow"));
+            faults.push(format!(
+                "{package} imports {extra}, which ARCHITECTURE.md's import table does not allow"
+            ));
         }
         for missing in allowed.difference(&used) {
             faults.push(format!("{package} may import {missing} but does not: take it out of the table"));
@@ -91,7 +93,9 @@ fn ours(manifest: &toml::Table, section: &str) -> BTreeSet<String> {
     manifest
         .get(section)
         .and_then(toml::Value::as_table)
-        .map(|names| names.keys().filter(|name| name.starts_with("earthshine-")).map(|name| short(name)).collect())
+        .map(|names| {
+            names.keys().filter(|name| name.starts_with("earthshine-")).map(|name| short(name)).collect()
+        })
         .unwrap_or_default()
 }
 

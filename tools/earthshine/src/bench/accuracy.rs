@@ -77,7 +77,11 @@ pub(crate) fn run(arguments: &AccuracyArguments, json: bool) -> anyhow::Result<(
 }
 
 /// Bakes into a scratch folder and loads the world.
-fn baked(source: &SceneSource, quality: &QualityArguments, quiet: bool) -> anyhow::Result<(WholeWorld, BakeSummary)> {
+fn baked(
+    source: &SceneSource,
+    quality: &QualityArguments,
+    quiet: bool,
+) -> anyhow::Result<(WholeWorld, BakeSummary)> {
     let folder = tempfile::tempdir().context("a scratch folder for the world")?;
     let options = BakeOptions {
         parameters: quality.parameters(),

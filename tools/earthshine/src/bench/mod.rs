@@ -54,9 +54,26 @@ struct Report<F: Serialize> {
 }
 
 impl<F: Serialize> Report<F> {
-    fn new(suite: &'static str, scene: &str, solver: &'static str, seed: u64, seconds: f64, figures: F) -> Self {
+    fn new(
+        suite: &'static str,
+        scene: &str,
+        solver: &'static str,
+        seed: u64,
+        seconds: f64,
+        figures: F,
+    ) -> Self {
         let (backend, version) = ("cpu", env!("CARGO_PKG_VERSION"));
-        Self { suite, scene: scene.to_owned(), backend, solver, seed, version, machine: Machine::here(), seconds, figures }
+        Self {
+            suite,
+            scene: scene.to_owned(),
+            backend,
+            solver,
+            seed,
+            version,
+            machine: Machine::here(),
+            seconds,
+            figures,
+        }
     }
 
     fn print(&self, json: bool) -> anyhow::Result<()> {

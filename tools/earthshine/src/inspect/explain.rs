@@ -33,12 +33,20 @@ pub(crate) fn chunk(store: &DirStore, id: ChunkId, json: bool) -> anyhow::Result
         return Ok(());
     }
     println!("chunk {id} spans {:.2} to {:.2} m", bounds.min, bounds.max);
-    println!("{} patches, {area:.1} m2, {} sample points; {emitters} emit {emitted:.3} lm", chunk.patches.len(), chunk.points.len());
+    println!(
+        "{} patches, {area:.1} m2, {} sample points; {emitters} emit {emitted:.3} lm",
+        chunk.patches.len(),
+        chunk.points.len()
+    );
     for (direction, count) in Direction::ALL.iter().zip(by_direction) {
         println!("  {direction:?} {count}");
     }
     println!("{nonzeros} form factors into {segments} chunks, {:.0} a row", nonzeros as f64 / rows);
-    println!("of the light that arrives, {:.1} % is sky, {:.2} % hits nothing that reflects", sky * 100.0, absorbed * 100.0);
+    println!(
+        "of the light that arrives, {:.1} % is sky, {:.2} % hits nothing that reflects",
+        sky * 100.0,
+        absorbed * 100.0
+    );
     println!("{} triangles cast shadows", chunk.occluders.triangles.len());
     Ok(())
 }
@@ -68,11 +76,25 @@ pub(crate) fn row(store: &DirStore, id: ChunkId, local: u16, json: bool) -> anyh
         return Ok(());
     }
     println!("patch {local} of chunk {id}: voxel {}, facing {:?}", patch.voxel, patch.direction);
-    println!("area {:.4} m2 around {:.2}, reflectance {:.3}, emission {:.1} lm/m2", patch.area, patch.centroid, patch.reflectance, patch.emission);
-    println!("light arrives from {} patches, {:.1} % from the sky, {:.2} % from nothing", entries.len(), sky * 100.0, absorbed * 100.0);
+    println!(
+        "area {:.4} m2 around {:.2}, reflectance {:.3}, emission {:.1} lm/m2",
+        patch.area, patch.centroid, patch.reflectance, patch.emission
+    );
+    println!(
+        "light arrives from {} patches, {:.1} % from the sky, {:.2} % from nothing",
+        entries.len(),
+        sky * 100.0,
+        absorbed * 100.0
+    );
     print_chunks(&entries);
     for (patch, share) in entries.iter().take(LISTED_MAX) {
-        println!("  {:6.3} % patch {} of {}{}", share * 100.0, patch.local, patch.chunk, facing(&chunk, *patch));
+        println!(
+            "  {:6.3} % patch {} of {}{}",
+            share * 100.0,
+            patch.local,
+            patch.chunk,
+            facing(&chunk, *patch)
+        );
     }
     println!("row sum {:.6}", chunk.rows.row_sum(index));
     Ok(())
@@ -80,7 +102,9 @@ pub(crate) fn row(store: &DirStore, id: ChunkId, local: u16, json: bool) -> anyh
 
 fn facing(chunk: &Chunk, patch: PatchId) -> String {
     match chunk.patches.get(usize::from(patch.local)) {
-        Some(own) if patch.chunk == chunk.id => format!(", facing {:?} at {:.2}", own.direction, own.centroid),
+        Some(own) if patch.chunk == chunk.id => {
+            format!(", facing {:?} at {:.2}", own.direction, own.centroid)
+        }
         _ => String::new(),
     }
 }

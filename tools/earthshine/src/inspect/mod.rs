@@ -53,7 +53,9 @@ fn coordinates(text: &str) -> Result<IVec3, String> {
         .split(',')
         .map(|part| part.trim().parse::<i32>().map_err(|error| format!("{part:?}: {error}")))
         .collect::<Result<_, _>>()?;
-    <[i32; 3]>::try_from(parts).map(IVec3::from).map_err(|parts| format!("{} numbers, not x,y,z", parts.len()))
+    <[i32; 3]>::try_from(parts)
+        .map(IVec3::from)
+        .map_err(|parts| format!("{} numbers, not x,y,z", parts.len()))
 }
 
 /// Runs the subcommand.
@@ -91,8 +93,16 @@ fn summary(manifest: &Manifest, json: bool) -> anyhow::Result<()> {
     println!("chunks      {}", manifest.chunks.len());
     println!("patches     {patches}");
     println!("non-zeros   {nonzeros} ({:.0} a row)", nonzeros as f64 / patches.max(1) as f64);
-    println!("disk        {:.2} MB, {per_nonzero:.2} bytes a non-zero, {:.1} MB/km2", bytes as f64 / 1e6, per_km2 / 1e6);
-    println!("lights      {} and a sky of {:.0} cd/m2 upwards", manifest.lights.lights.len(), manifest.lights.sky.lobes[2]);
+    println!(
+        "disk        {:.2} MB, {per_nonzero:.2} bytes a non-zero, {:.1} MB/km2",
+        bytes as f64 / 1e6,
+        per_km2 / 1e6
+    );
+    println!(
+        "lights      {} and a sky of {:.0} cd/m2 upwards",
+        manifest.lights.lights.len(),
+        manifest.lights.sky.lobes[2]
+    );
     println!("rays        {} a patch, seed {}", manifest.parameters.rays_per_patch, manifest.parameters.seed);
     Ok(())
 }

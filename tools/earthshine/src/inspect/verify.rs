@@ -36,14 +36,18 @@ pub(crate) fn run(store: &DirStore, json: bool) -> anyhow::Result<()> {
     for chunk in chunks.values() {
         faults.extend(check_rows(chunk).into_iter().map(|fault| format!("chunk {}: {fault}", chunk.id)));
     }
-    let not_mutual: Vec<String> = chunks.par_iter().flat_map_iter(|(_, chunk)| one_sided(chunk, &chunks)).collect();
+    let not_mutual: Vec<String> =
+        chunks.par_iter().flat_map_iter(|(_, chunk)| one_sided(chunk, &chunks)).collect();
     faults.extend(not_mutual);
     report(&faults, chunks.len(), json)
 }
 
 fn report(faults: &[String], chunks: usize, json: bool) -> anyhow::Result<()> {
     if json {
-        println!("{}", serde_json::json!({"chunks": chunks, "faults": faults.len(), "first": faults.iter().take(LISTED_MAX).collect::<Vec<_>>()}));
+        println!(
+            "{}",
+            serde_json::json!({"chunks": chunks, "faults": faults.len(), "first": faults.iter().take(LISTED_MAX).collect::<Vec<_>>()})
+        );
     } else {
         for fault in faults.iter().take(LISTED_MAX) {
             println!("{fault}");
@@ -66,7 +70,9 @@ fn one_sided(chunk: &Chunk, chunks: &BTreeMap<ChunkId, Chunk>) -> Vec<String> {
                 .map_or(0.0, |share| other_chunk.patches[usize::from(other.local)].area * share);
             let allowed = RECIPROCITY_TOLERANCE * there.max(back) + 1e-7 * chunk.patches[row].area;
             if (there - back).abs() > allowed {
-                faults.push(format!("{own:?} and {other:?} exchange {there:e} and {back:e} m2: not reciprocal"));
+                faults.push(format!(
+                    "{own:?} and {other:?} exchange {there:e} and {back:e} m2: not reciprocal"
+                ));
             }
         }
     }
