@@ -1,6 +1,6 @@
 //! Bytes on disk: what a world's folder and its tiles look like, and nothing else.
 //!
-//! A chunk is a cube of the world; a tile is the bytes of one chunk. A tile lives so: [`encode`]d from
+//! A chunk is a cube of the world; a tile is the bytes of one chunk. A tile lives so: [encoded](fn@encode) from
 //! a chunk, written under a temporary name, synced and renamed ([`write_atomic`]), listed in the
 //! [`Manifest`], mapped ([`MappedTile`]), checked against the manifest ([`DirStore`]), verified and decoded.
 //! It is never changed: a new bake of the chunk is a new file with a new name.
@@ -13,7 +13,7 @@
 //! |---|---|
 //! | [`format`](mod@format) | drawing of the file; header and section table |
 //! | `codec` | what is inside the frames |
-//! | [`encode`], [`decode_bytes`] | one chunk to bytes and back |
+//! | [`encode`](fn@encode), [`decode_bytes`] | one chunk to bytes and back |
 //! | [`limits`] | what a file may ask for |
 //! | [`manifest`] | `world.toml` |
 //! | [`store`], [`fault`] | where chunks come from, and what goes wrong there |

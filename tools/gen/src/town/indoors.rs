@@ -74,7 +74,7 @@ pub(crate) fn bed() -> Mesh {
     boxes(&parts)
 }
 
-/// A flight of [`Prop::Stairs`]: width, length and risers.
+/// A flight of stairs: width, length and risers.
 pub(crate) const STAIRS_WIDTH_M: f32 = 0.86;
 pub(crate) const STAIRS_LENGTH_M: f32 = 2.97;
 const TREADS: u32 = 11;
