@@ -1,7 +1,8 @@
-//! Where hits find no patch although their voxel has one: surfaces in crevices that their patch left out.
+//! Where hits find no patch although their voxel has one: dark surfaces right behind glowing ones.
 //!
 //! The ceiling behind a lamp faces the way the lamp does and lies in the same voxel. The patch there is the
-//! lamp; what hits the ceiling behind it must not be taken for light from the lamp.
+//! lamp; what hits the ceiling behind it must not be taken for light from the lamp. Other hits on surfaces
+//! that their patch left out count as hits on the patch: corners must not lose light.
 
 use crate::sample::SurfaceSample;
 use earthshine_world::{Vec3, VoxelCoord};
@@ -17,7 +18,7 @@ pub struct HiddenPlaces {
 }
 
 impl HiddenPlaces {
-    /// Collects the pieces of samples that stand for nothing: hidden or buried.
+    /// Collects the pieces of the samples that are left out.
     #[must_use]
     pub fn collect(samples: &[SurfaceSample], is_left_out: &[bool]) -> Self {
         let concerned: HashSet<Piece> = samples

@@ -5,7 +5,7 @@ use crate::hidden::HiddenPlaces;
 use crate::sample::{SurfaceSample, side_weights};
 use earthshine_tiles::BakeParameters;
 use earthshine_world::random::{Purpose, hash, unit_f32};
-use earthshine_world::{ChunkCoord, Direction, Grid, Patch, Rgb, Vec3, VoxelCoord};
+use earthshine_world::{AxisWeights, ChunkCoord, Direction, Grid, Patch, Rgb, Vec3, VoxelCoord};
 use std::collections::{BTreeMap, HashMap};
 
 /// Patches below this share of a voxel's face that do not emit are left out: slivers where geometry grazes a
@@ -87,17 +87,28 @@ impl PatchSet {
             by_voxel: HashMap::new(),
             hidden: HiddenPlaces::default(),
         };
-        // Hidden samples stand for nothing until a patch has nothing else.
-        let is_open = |sample: &SurfaceSample| matches!(sample.exposure, Exposure::Open(_));
-        let mut is_left_out: Vec<bool> = samples.iter().map(|sample| !is_open(sample)).collect();
         for run in contributions.chunk_by(|a, b| a.key == b.key) {
             set.push(run, samples, &grid);
-            if !run.iter().any(|contribution| is_open(&samples[contribution.sample as usize])) {
-                run.iter().for_each(|contribution| is_left_out[contribution.sample as usize] = false);
-            }
         }
+        let is_left_out: Vec<bool> =
+            samples.iter().map(|sample| set.outshines(sample, parameters.weights)).collect();
         set.hidden = HiddenPlaces::collect(samples, &is_left_out);
         set
+    }
+
+    /// Whether `sample` lies behind a patch that glows as it does not itself.
+    fn outshines(&self, sample: &SurfaceSample, weights: AxisWeights) -> bool {
+        if matches!(sample.exposure, Exposure::Open(_)) {
+            return false;
+        }
+        let patches = self.of_voxel(sample.voxel);
+        side_weights(weights, sample.normal).iter().any(|&(direction, weight)| {
+            let patch = patches[direction.index()];
+            weight > 0.0
+                && patch != Self::NONE
+                && self.patches[patch as usize].patch.emission.max_element()
+                    > 2.0 * sample.emission.max_element()
+        })
     }
 
     fn push(&mut self, run: &[Contribution], samples: &[SurfaceSample], grid: &Grid) {
