@@ -1,11 +1,11 @@
 //! `earthshine bake`: a glTF scene becomes a world folder.
 
 use crate::progress_bars::BakeBars;
+use crate::quality::QualityArguments;
 use crate::scene_source;
-use clap::{Args, ValueEnum};
+use clap::Args;
 use earthshine_bake::{BakeOptions, BakeSummary};
-use earthshine_tiles::{BakeParameters, RowCodec};
-use earthshine_world::{AxisWeights, Grid};
+use earthshine_tiles::RowCodec;
 use std::path::PathBuf;
 
 /// Arguments of `earthshine bake`.
@@ -38,92 +38,16 @@ pub(crate) struct BakeArguments {
     quiet: bool,
 }
 
-/// What the bytes of a bake depend on; shared with `bench`.
-#[derive(Args, Clone)]
-pub(crate) struct QualityArguments {
-    /// Edge of a voxel, m. Smaller: more detail, about four times the patches a halving.
-    #[arg(long, default_value_t = 1.0)]
-    pub(crate) voxel: f32,
-    /// Voxels along a chunk's edge, 1 to 22.
-    #[arg(long, default_value_t = 16)]
-    chunk_voxels: u32,
-    /// Rays a patch. The error of a row falls with its square root; time grows in step.
-    #[arg(long, default_value_t = 1024)]
-    rays: u32,
-    /// Sample points a patch keeps for direct light.
-    #[arg(long, default_value_t = 16)]
-    points_per_patch: u32,
-    /// Points that cover a voxel face of surface.
-    #[arg(long, default_value_t = 16)]
-    samples_per_face: u32,
-    /// How normals spread over directions; `absolute` is the sources' way and makes energy.
-    #[arg(long, default_value = "squared")]
-    weights: Weights,
-    /// Whether back faces of single-sided materials reflect.
-    #[arg(long, default_value = "two")]
-    sides: Sides,
-    /// Rays that find buried points; 0 keeps them all.
-    #[arg(long, default_value_t = 32)]
-    buried_rays: u32,
-    /// Every random number hangs on it.
-    #[arg(long, default_value_t = 1)]
-    pub(crate) seed: u64,
-    /// Whether metals reflect their base colour diffusely or nothing.
-    #[arg(long, default_value = "diffuse")]
-    metals: Metals,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Weights {
-    Squared,
-    Absolute,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Sides {
-    One,
-    Two,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Metals {
-    Diffuse,
-    Black,
-}
-
-impl QualityArguments {
-    pub(crate) fn parameters(&self) -> BakeParameters {
-        BakeParameters {
-            seed: self.seed,
-            grid: Grid { voxel_edge_m: self.voxel, chunk_edge_voxels: self.chunk_voxels },
-            rays_per_patch: self.rays,
-            points_per_patch: self.points_per_patch,
-            samples_per_voxel_face: self.samples_per_face,
-            buried_rays: self.buried_rays,
-            weights: match self.weights {
-                Weights::Squared => AxisWeights::Squared,
-                Weights::Absolute => AxisWeights::Absolute,
-            },
-            two_sided: self.sides == Sides::Two,
-            metals_black: self.metals_black(),
-        }
-    }
-
-    pub(crate) fn metals_black(&self) -> bool {
-        self.metals == Metals::Black
-    }
-}
-
 /// Runs the subcommand.
 pub(crate) fn run(arguments: &BakeArguments) -> anyhow::Result<()> {
-    let parameters = arguments.quality.parameters();
     let quiet = arguments.quiet || arguments.json;
-    let source = scene_source::load(&arguments.scene, arguments.lights.as_deref(), parameters.metals_black)?;
+    let source =
+        scene_source::load(&arguments.scene, arguments.lights.as_deref(), arguments.quality.metals_black())?;
     for warning in &source.scene.report.warnings {
         eprintln!("warning: {warning}");
     }
     let options = BakeOptions {
-        parameters,
+        parameters: arguments.quality.parameters(&source),
         codec: if arguments.lossless { RowCodec::Full } else { RowCodec::Half },
         scene_name: source.name,
         lights: source.lights,

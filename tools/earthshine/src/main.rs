@@ -16,6 +16,7 @@ mod inspect;
 mod lights_wire;
 mod machine;
 mod progress_bars;
+mod quality;
 mod render;
 mod scene_source;
 mod serve;

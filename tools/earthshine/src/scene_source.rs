@@ -10,6 +10,8 @@ use std::path::Path;
 pub(crate) struct SceneSource {
     pub(crate) scene: Scene,
     pub(crate) name: String,
+    /// Which generated world; `None` for a file.
+    pub(crate) kind: Option<WorldKind>,
     pub(crate) lights: LightRig,
 }
 
@@ -27,19 +29,19 @@ pub(crate) fn load_generated(
 ) -> anyhow::Result<SceneSource> {
     let options = ImportOptions { metals_black, ..ImportOptions::default() };
     let is_file = Path::new(scene).extension().is_some();
-    let (loaded, name) = match scene.parse::<WorldKind>() {
+    let (loaded, name, kind) = match scene.parse::<WorldKind>() {
         Ok(kind) if !is_file => {
             let glb = earthshine_gen::generate(kind, shape, &|_, _| {})?;
-            (earthshine_scene::load_bytes(&glb.bytes, scene, &options)?, scene.to_owned())
+            (earthshine_scene::load_bytes(&glb.bytes, scene, &options)?, scene.to_owned(), Some(kind))
         }
         _ => {
             let path = Path::new(scene);
             let name = path.file_name().map_or(scene.into(), |name| name.to_string_lossy().into_owned());
-            (earthshine_scene::load(path, &options)?, name)
+            (earthshine_scene::load(path, &options)?, name, None)
         }
     };
     let file = lights.map(earthshine_scene::load_lights).transpose()?;
     let lights = earthshine_scene::light_rig(&loaded, file.as_ref());
     lights.validate().context("the scene's lights")?;
-    Ok(SceneSource { scene: loaded, name, lights })
+    Ok(SceneSource { scene: loaded, name, kind, lights })
 }

@@ -1,8 +1,8 @@
 //! `bench accuracy`: bake, solve, look up light at points, compare with a path tracer or with other renderers.
 
 use super::Report;
-use crate::bake::QualityArguments;
 use crate::progress_bars::{BakeBars, counted};
+use crate::quality::QualityArguments;
 use crate::scene_source::{self, SceneSource};
 use crate::volume_light;
 use crate::whole_world::WholeWorld;
@@ -84,7 +84,7 @@ fn baked(
 ) -> anyhow::Result<(WholeWorld, BakeSummary)> {
     let folder = tempfile::tempdir().context("a scratch folder for the world")?;
     let options = BakeOptions {
-        parameters: quality.parameters(),
+        parameters: quality.parameters(source),
         codec: RowCodec::Half,
         scene_name: source.name.clone(),
         lights: source.lights.clone(),

@@ -1,9 +1,9 @@
 //! `bench bake`: rays, bytes and seconds of a bake into a scratch folder.
 
 use super::Report;
-use crate::bake::QualityArguments;
 use crate::generate::ShapeArguments;
 use crate::progress_bars::BakeBars;
+use crate::quality::QualityArguments;
 use crate::{machine, scene_source};
 use anyhow::Context as _;
 use clap::Args;
@@ -49,7 +49,7 @@ pub(crate) fn run(arguments: &BakeBenchArguments, json: bool) -> anyhow::Result<
     let source =
         scene_source::load_generated(&arguments.scene, None, arguments.quality.metals_black(), &shape)?;
     let options = BakeOptions {
-        parameters: arguments.quality.parameters(),
+        parameters: arguments.quality.parameters(&source),
         codec: RowCodec::Half,
         scene_name: source.name.clone(),
         lights: source.lights.clone(),

@@ -1,0 +1,107 @@
+//! What the bytes of a bake depend on, as flags; shared by `bake` and `bench`.
+
+use crate::scene_source::SceneSource;
+use clap::{Args, ValueEnum};
+use earthshine_gen::WorldKind;
+use earthshine_tiles::BakeParameters;
+use earthshine_world::{AxisWeights, Grid, Vec3};
+
+/// What the bytes of a bake depend on.
+#[derive(Args, Clone)]
+pub(crate) struct QualityArguments {
+    /// Edge of a voxel, m. Smaller: more detail, about four times the patches a halving. Default: the power of two
+    /// that gives a file about 8,000 patches or fewer, from 1/64 to 4; generated scenes have their own.
+    #[arg(long)]
+    voxel: Option<f32>,
+    /// Voxels along a chunk's edge, 1 to 22.
+    #[arg(long, default_value_t = 16)]
+    chunk_voxels: u32,
+    /// Rays a patch. The error of a row falls with its square root; time grows in step.
+    #[arg(long, default_value_t = 1024)]
+    rays: u32,
+    /// Sample points a patch keeps for direct light.
+    #[arg(long, default_value_t = 16)]
+    points_per_patch: u32,
+    /// Points that cover a voxel face of surface.
+    #[arg(long, default_value_t = 16)]
+    samples_per_face: u32,
+    /// How normals spread over directions; `absolute` is the sources' way and makes energy.
+    #[arg(long, default_value = "squared")]
+    weights: Weights,
+    /// Whether back faces of single-sided materials reflect. Default: two; one for the generated Cornell box, whose
+    /// outside nobody sees.
+    #[arg(long)]
+    sides: Option<Sides>,
+    /// Rays that find buried points; 0 keeps them all.
+    #[arg(long, default_value_t = 32)]
+    buried_rays: u32,
+    /// Every random number hangs on it.
+    #[arg(long, default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// Whether metals reflect their base colour diffusely or nothing.
+    #[arg(long, default_value = "diffuse")]
+    metals: Metals,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Weights {
+    Squared,
+    Absolute,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Sides {
+    One,
+    Two,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Metals {
+    Diffuse,
+    Black,
+}
+
+impl QualityArguments {
+    /// The parameters for `source`, with its defaults where nothing was asked for.
+    pub(crate) fn parameters(&self, source: &SceneSource) -> BakeParameters {
+        let voxel_edge_m = self.voxel.unwrap_or_else(|| default_voxel_edge_m(source));
+        let default_sides = if source.kind == Some(WorldKind::Cornell) { Sides::One } else { Sides::Two };
+        BakeParameters {
+            seed: self.seed,
+            grid: Grid { voxel_edge_m, chunk_edge_voxels: self.chunk_voxels },
+            rays_per_patch: self.rays,
+            points_per_patch: self.points_per_patch,
+            samples_per_voxel_face: self.samples_per_face,
+            buried_rays: self.buried_rays,
+            weights: match self.weights {
+                Weights::Squared => AxisWeights::Squared,
+                Weights::Absolute => AxisWeights::Absolute,
+            },
+            two_sided: self.sides.unwrap_or(default_sides) == Sides::Two,
+            metals_black: self.metals_black(),
+        }
+    }
+
+    pub(crate) fn metals_black(&self) -> bool {
+        self.metals == Metals::Black
+    }
+}
+
+/// Patches that the default voxel edge aims at, at most.
+const PATCHES_AIM: f64 = 8_000.0;
+
+fn default_voxel_edge_m(source: &SceneSource) -> f32 {
+    match source.kind {
+        Some(WorldKind::Cornell) => return 0.14,
+        Some(WorldKind::Furnace) => return 0.25,
+        Some(WorldKind::TwoRooms) => return 0.5,
+        Some(WorldKind::Corridor) => return 1.0,
+        Some(WorldKind::Town) => return 2.0,
+        None => {}
+    }
+    let area = |[a, b, c]: &[Vec3; 3]| f64::from((*b - *a).cross(*c - *a).length()) * 0.5;
+    let surface: f64 = source.scene.triangles.iter().map(area).sum();
+    // Both sides of every triangle.
+    let edge = (2.0 * surface / PATCHES_AIM).sqrt();
+    edge.log2().ceil().clamp(-6.0, 2.0).exp2() as f32
+}
