@@ -1,5 +1,6 @@
 //! `earthshine bake`: a glTF scene becomes a world folder.
 
+use crate::output::out;
 use crate::progress_bars::BakeBars;
 use crate::quality::QualityArguments;
 use crate::scene_source;
@@ -57,7 +58,7 @@ pub(crate) fn run(arguments: &BakeArguments) -> anyhow::Result<()> {
     let summary = earthshine_bake::bake(&source.scene, &arguments.world, &options, &bars)?;
     bars.finish();
     if arguments.json {
-        println!("{}", serde_json::to_string(&summary)?);
+        out!("{}", serde_json::to_string(&summary)?);
     } else {
         print_summary(&summary, &arguments.world);
     }
@@ -66,10 +67,10 @@ pub(crate) fn run(arguments: &BakeArguments) -> anyhow::Result<()> {
 
 fn print_summary(summary: &BakeSummary, world: &std::path::Path) {
     if summary.up_to_date {
-        println!("{} is up to date: nothing to do", world.display());
+        out!("{} is up to date: nothing to do", world.display());
         return;
     }
-    println!(
+    out!(
         "{}: {} triangles, {} patches in {} chunks, {} form factors",
         world.display(),
         summary.triangles,
@@ -77,7 +78,7 @@ fn print_summary(summary: &BakeSummary, world: &std::path::Path) {
         summary.chunks,
         summary.nonzeros
     );
-    println!(
+    out!(
         "{:.1} MB ({:.2} bytes a form factor), {:.2} M rays/s a core, {:.1} s",
         summary.world_bytes as f64 / 1e6,
         summary.bytes_per_nonzero,
@@ -85,6 +86,6 @@ fn print_summary(summary: &BakeSummary, world: &std::path::Path) {
         summary.seconds
     );
     if summary.buried_samples > 0 {
-        println!("{} of {} points are buried and left out", summary.buried_samples, summary.samples);
+        out!("{} of {} points are buried and left out", summary.buried_samples, summary.samples);
     }
 }

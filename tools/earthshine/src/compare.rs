@@ -1,5 +1,6 @@
 //! `earthshine compare`: two pictures, or a world's light and a reference at points.
 
+use crate::output::out;
 use crate::volume_light;
 use crate::whole_world::WholeWorld;
 use clap::{Args, Subcommand};
@@ -70,9 +71,9 @@ pub(crate) fn run(arguments: &CompareArguments) -> anyhow::Result<()> {
                 image_file::write_png(path, &flip_picture(&measured, &reference)?)?;
             }
             if arguments.json {
-                println!("{}", serde_json::to_string(&errors)?);
+                out!("{}", serde_json::to_string(&errors)?);
             } else {
-                println!("{}", described(&errors));
+                out!("{}", described(&errors));
             }
         }
         What::Points { world, reference, lights, out } => {
@@ -115,18 +116,18 @@ fn points(
     }
     let errors = compare_points(&reference, &measured)?;
     if json {
-        println!("{}", serde_json::to_string(&errors)?);
+        out!("{}", serde_json::to_string(&errors)?);
         return Ok(());
     }
-    println!("{} points compared, {} without light", errors.points, errors.uncovered);
-    println!(
+    out!("{} points compared, {} without light", errors.points, errors.uncovered);
+    out!(
         "median {:.2} %, p90 {:.2} %, p99 {:.2} %",
         errors.median_rel * 100.0,
         errors.p90_rel * 100.0,
         errors.p99_rel * 100.0
     );
-    println!("RMSE {:.2} % of the mean, bias {:+.2} %", errors.rel_rmse * 100.0, errors.bias * 100.0);
-    println!(
+    out!("RMSE {:.2} % of the mean, bias {:+.2} %", errors.rel_rmse * 100.0, errors.bias * 100.0);
+    out!(
         "{:.2} % beyond a factor of two; the reference's own noise {:.2} %",
         errors.beyond_factor_two * 100.0,
         errors.reference_noise_rel * 100.0

@@ -1,5 +1,6 @@
 //! `earthshine demo`: generates a town, bakes it, serves it, flies a camera under a moving sun, and draws what came.
 
+use crate::output::out;
 mod page;
 
 use crate::fly::{print_report, sun_path};
@@ -87,14 +88,14 @@ pub(crate) fn run(arguments: &DemoArguments) -> anyhow::Result<()> {
     let page = arguments.out.join("index.html");
     std::fs::write(&page, page::html(&summary)).with_context(|| page.display().to_string())?;
     if arguments.json {
-        println!("{}", serde_json::to_string(&summary)?);
+        out!("{}", serde_json::to_string(&summary)?);
         return Ok(());
     }
     print_report(&summary.flight);
     for picture in &summary.pictures {
-        println!("{}: indirect light {}", picture.file, crate::compare::described(&picture.indirect));
+        out!("{}: indirect light {}", picture.file, crate::compare::described(&picture.indirect));
     }
-    println!("{:.0} s in all; open {}", summary.seconds, page.display());
+    out!("{:.0} s in all; open {}", summary.seconds, page.display());
     Ok(())
 }
 

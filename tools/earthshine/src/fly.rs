@@ -1,6 +1,7 @@
 //! `earthshine fly`: a camera path through the client library, with latencies, misses and pictures.
 
 use crate::lights_wire;
+use crate::output::out;
 use crate::scene_source;
 use crate::view::{ViewArguments, vector, write_layers};
 use anyhow::{Context as _, bail};
@@ -156,7 +157,7 @@ pub(crate) fn run(arguments: &FlyArguments) -> anyhow::Result<()> {
         draw(&frames, folder, scene, &lights_wire::from_client(&world.lights), &arguments.view)?;
     }
     if arguments.json {
-        println!("{}", serde_json::to_string(&report)?);
+        out!("{}", serde_json::to_string(&report)?);
     } else {
         print_report(&report);
     }
@@ -201,25 +202,28 @@ fn draw(
 /// The report in a few lines.
 pub(crate) fn print_report(report: &FlyReport) {
     let milliseconds = |value: Option<f64>| value.map_or("-".to_owned(), |ms| format!("{ms:.1} ms"));
-    println!(
+    out!(
         "{:.1} s, {} frames ({:.1} a second), {:.2} MB/s",
         report.duration_s,
         report.frames,
         report.frames_per_s,
         report.bytes_per_s / 1e6
     );
-    println!(
+    out!(
         "camera to light: p50 {}, p99 {}; first light after {}",
         milliseconds(report.latency_ms_p50),
         milliseconds(report.latency_ms_p99),
         milliseconds(report.first_light_ms)
     );
-    println!(
+    out!(
         "misses: {} of {} frames; dark probes {} of {}",
-        report.misses, report.probed_frames, report.dark_probes, report.probes
+        report.misses,
+        report.probed_frames,
+        report.dark_probes,
+        report.probes
     );
     if report.teleports > 0 {
-        println!(
+        out!(
             "teleports: {} of {} lit, p50 {}, p99 {}",
             report.teleports_lit,
             report.teleports,
@@ -228,6 +232,6 @@ pub(crate) fn print_report(report: &FlyReport) {
         );
     }
     if let Some(warning) = &report.warning {
-        println!("warning: {warning}");
+        out!("warning: {warning}");
     }
 }

@@ -1,5 +1,6 @@
 //! `earthshine gen`: deterministic worlds to bake, as .glb.
 
+use crate::output::out;
 use crate::progress_bars;
 use clap::Args;
 use earthshine_gen::{GenOptions, WorldKind};
@@ -81,10 +82,10 @@ pub(crate) fn run(arguments: &GenArguments) -> anyhow::Result<()> {
         let summary = serde_json::json!({
             "kind": arguments.kind.to_string(), "triangles": triangles, "file_bytes": bytes, "lights": lights,
         });
-        println!("{summary}");
+        out!("{summary}");
     } else {
         let megabytes = bytes as f64 / 1e6;
-        println!("{}: {triangles} triangles, {lights} lights, {megabytes:.1} MB", arguments.output.display());
+        out!("{}: {triangles} triangles, {lights} lights, {megabytes:.1} MB", arguments.output.display());
     }
     Ok(())
 }

@@ -3,7 +3,7 @@
 //! Each subcommand is a module that parses its arguments and calls a library; results go to standard output,
 //! progress and logs to standard error. Exit codes are in [`exit_code`].
 
-#![expect(clippy::print_stdout, clippy::print_stderr, reason = "a command-line tool")]
+#![expect(clippy::print_stderr, reason = "a command-line tool")]
 
 mod bake;
 mod bench;
@@ -15,6 +15,7 @@ mod generate;
 mod inspect;
 mod lights_wire;
 mod machine;
+mod output;
 mod progress_bars;
 mod quality;
 mod render;

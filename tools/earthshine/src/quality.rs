@@ -10,7 +10,7 @@ use earthshine_world::{AxisWeights, Grid, Vec3};
 #[derive(Args, Clone)]
 pub(crate) struct QualityArguments {
     /// Edge of a voxel, m. Smaller: more detail, about four times the patches a halving. Default: the power of two
-    /// that gives a file about 8,000 patches or fewer, from 1/64 to 4; generated scenes have their own.
+    /// that gives a file about 20,000 patches or fewer, from 1/64 to 4; generated scenes have their own.
     #[arg(long)]
     voxel: Option<f32>,
     /// Voxels along a chunk's edge, 1 to 22.
@@ -88,7 +88,7 @@ impl QualityArguments {
 }
 
 /// Patches that the default voxel edge aims at, at most.
-const PATCHES_AIM: f64 = 8_000.0;
+const PATCHES_AIM: f64 = 20_000.0;
 
 fn default_voxel_edge_m(source: &SceneSource) -> f32 {
     match source.kind {

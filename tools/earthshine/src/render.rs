@@ -1,5 +1,6 @@
 //! `earthshine render`: pictures by path tracing, and by a world's light beside it.
 
+use crate::output::out;
 use crate::scene_source;
 use crate::view::{Comparison, ViewArguments, write_layers};
 use crate::volume_light;
@@ -59,7 +60,7 @@ pub(crate) fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
         let layers = render(&tracer, &source.lights, &options, LightSource::Reference)?;
         let exposure = arguments.exposure.unwrap_or_else(|| image_file::key_exposure(&layers.full));
         write_layers(&arguments.out, "reference_", &layers, exposure, arguments.exr)?;
-        println!("{}: reference_{{direct,indirect,full}}, exposure {exposure:e}", arguments.out.display());
+        out!("{}: reference_{{direct,indirect,full}}, exposure {exposure:e}", arguments.out.display());
         return Ok(());
     };
     let world = WholeWorld::load(folder)?;
@@ -80,10 +81,10 @@ pub(crate) fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
             "ssim_window_pixels": earthshine_render::metrics::SSIM_WINDOW,
             "ssim_sigma_pixels": earthshine_render::metrics::SSIM_SIGMA,
         });
-        println!("{figures}");
+        out!("{figures}");
     } else {
-        println!("{}: service_*, reference_*, sheet.png; exposure {exposure:e}", arguments.out.display());
-        println!("indirect light, sRGB at that exposure: {}", crate::compare::described(&errors));
+        out!("{}: service_*, reference_*, sheet.png; exposure {exposure:e}", arguments.out.display());
+        out!("indirect light, sRGB at that exposure: {}", crate::compare::described(&errors));
     }
     Ok(())
 }

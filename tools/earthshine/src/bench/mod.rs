@@ -2,6 +2,7 @@
 //!
 //! A bench exits 0 when it measured, whatever the figure; it says what it compares with.
 
+use crate::output::out;
 mod accuracy;
 mod bake;
 mod matrix;
@@ -78,12 +79,12 @@ impl<F: Serialize> Report<F> {
 
     fn print(&self, json: bool) -> anyhow::Result<()> {
         if json {
-            println!("{}", serde_json::to_string(self)?);
+            out!("{}", serde_json::to_string(self)?);
             return Ok(());
         }
         let serde_json::Value::Object(keys) = serde_json::to_value(self)? else { return Ok(()) };
         for (key, value) in keys {
-            println!("{key:>24}  {value}");
+            out!("{key:>24}  {value}");
         }
         Ok(())
     }

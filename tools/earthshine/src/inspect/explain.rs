@@ -1,5 +1,6 @@
 //! One chunk, or one row, in words.
 
+use crate::output::out;
 use anyhow::bail;
 use earthshine_tiles::{DirStore, TileStore};
 use earthshine_world::{Chunk, ChunkId, Direction, PatchId, Rgb};
@@ -29,25 +30,25 @@ pub(crate) fn chunk(store: &DirStore, id: ChunkId, json: bool) -> anyhow::Result
             "emitted_lm": emitted.to_array(),
             "occluder_triangles": chunk.occluders.triangles.len(),
         });
-        println!("{summary}");
+        out!("{summary}");
         return Ok(());
     }
-    println!("chunk {id} spans {:.2} to {:.2} m", bounds.min, bounds.max);
-    println!(
+    out!("chunk {id} spans {:.2} to {:.2} m", bounds.min, bounds.max);
+    out!(
         "{} patches, {area:.1} m2, {} sample points; {emitters} emit {emitted:.3} lm",
         chunk.patches.len(),
         chunk.points.len()
     );
     for (direction, count) in Direction::ALL.iter().zip(by_direction) {
-        println!("  {direction:?} {count}");
+        out!("  {direction:?} {count}");
     }
-    println!("{nonzeros} form factors into {segments} chunks, {:.0} a row", nonzeros as f64 / rows);
-    println!(
+    out!("{nonzeros} form factors into {segments} chunks, {:.0} a row", nonzeros as f64 / rows);
+    out!(
         "of the light that arrives, {:.1} % is sky, {:.2} % hits nothing that reflects",
         sky * 100.0,
         absorbed * 100.0
     );
-    println!("{} triangles cast shadows", chunk.occluders.triangles.len());
+    out!("{} triangles cast shadows", chunk.occluders.triangles.len());
     Ok(())
 }
 
@@ -72,15 +73,18 @@ pub(crate) fn row(store: &DirStore, id: ChunkId, local: u16, json: bool) -> anyh
             "chunk": id.coord.to_array(), "patch": local, "area_m2": patch.area, "sky_shares": chunk.rows.sky_shares[index],
             "absorbed_share": absorbed, "row_sum": chunk.rows.row_sum(index), "entries": entries,
         });
-        println!("{summary}");
+        out!("{summary}");
         return Ok(());
     }
-    println!("patch {local} of chunk {id}: voxel {}, facing {:?}", patch.voxel, patch.direction);
-    println!(
+    out!("patch {local} of chunk {id}: voxel {}, facing {:?}", patch.voxel, patch.direction);
+    out!(
         "area {:.4} m2 around {:.2}, reflectance {:.3}, emission {:.1} lm/m2",
-        patch.area, patch.centroid, patch.reflectance, patch.emission
+        patch.area,
+        patch.centroid,
+        patch.reflectance,
+        patch.emission
     );
-    println!(
+    out!(
         "light arrives from {} patches, {:.1} % from the sky, {:.2} % from nothing",
         entries.len(),
         sky * 100.0,
@@ -88,15 +92,9 @@ pub(crate) fn row(store: &DirStore, id: ChunkId, local: u16, json: bool) -> anyh
     );
     print_chunks(&entries);
     for (patch, share) in entries.iter().take(LISTED_MAX) {
-        println!(
-            "  {:6.3} % patch {} of {}{}",
-            share * 100.0,
-            patch.local,
-            patch.chunk,
-            facing(&chunk, *patch)
-        );
+        out!("  {:6.3} % patch {} of {}{}", share * 100.0, patch.local, patch.chunk, facing(&chunk, *patch));
     }
-    println!("row sum {:.6}", chunk.rows.row_sum(index));
+    out!("row sum {:.6}", chunk.rows.row_sum(index));
     Ok(())
 }
 
@@ -115,6 +113,6 @@ fn print_chunks(entries: &[(PatchId, f32)]) {
         *by_chunk.entry(patch.chunk).or_default() += share;
     }
     for (chunk, share) in by_chunk {
-        println!("  {:6.2} % from chunk {chunk}", share * 100.0);
+        out!("  {:6.2} % from chunk {chunk}", share * 100.0);
     }
 }

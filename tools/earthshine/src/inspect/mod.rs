@@ -1,5 +1,6 @@
 //! `earthshine inspect`: what is in a world, a chunk or a row; and whether it is sound.
 
+use crate::output::out;
 mod explain;
 mod verify;
 
@@ -83,26 +84,26 @@ fn summary(manifest: &Manifest, json: bool) -> anyhow::Result<()> {
             "world_bytes": bytes, "bytes_per_nonzero": per_nonzero, "bytes_per_km2": per_km2,
             "parameters": manifest.parameters, "bounds": manifest.bounds, "lights": manifest.lights.lights.len(),
         });
-        println!("{summary}");
+        out!("{summary}");
         return Ok(());
     }
     let grid = manifest.parameters.grid;
-    println!("scene       {}", manifest.scene);
-    println!("size        {:.1} x {:.1} x {:.1} m, from {:.1}", size.x, size.y, size.z, manifest.bounds.min);
-    println!("grid        voxels of {} m, chunks of {} m", grid.voxel_edge_m, grid.chunk_edge_m());
-    println!("chunks      {}", manifest.chunks.len());
-    println!("patches     {patches}");
-    println!("non-zeros   {nonzeros} ({:.0} a row)", nonzeros as f64 / patches.max(1) as f64);
-    println!(
+    out!("scene       {}", manifest.scene);
+    out!("size        {:.1} x {:.1} x {:.1} m, from {:.1}", size.x, size.y, size.z, manifest.bounds.min);
+    out!("grid        voxels of {} m, chunks of {} m", grid.voxel_edge_m, grid.chunk_edge_m());
+    out!("chunks      {}", manifest.chunks.len());
+    out!("patches     {patches}");
+    out!("non-zeros   {nonzeros} ({:.0} a row)", nonzeros as f64 / patches.max(1) as f64);
+    out!(
         "disk        {:.2} MB, {per_nonzero:.2} bytes a non-zero, {:.1} MB/km2",
         bytes as f64 / 1e6,
         per_km2 / 1e6
     );
-    println!(
+    out!(
         "lights      {} and a sky of {:.0} cd/m2 upwards",
         manifest.lights.lights.len(),
         manifest.lights.sky.lobes[2]
     );
-    println!("rays        {} a patch, seed {}", manifest.parameters.rays_per_patch, manifest.parameters.seed);
+    out!("rays        {} a patch, seed {}", manifest.parameters.rays_per_patch, manifest.parameters.seed);
     Ok(())
 }

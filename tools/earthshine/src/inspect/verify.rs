@@ -1,6 +1,7 @@
 //! `inspect verify`: every checksum, every row, reciprocity across chunks.
 
 use crate::exit_code::FaultsFound;
+use crate::output::out;
 use crate::progress_bars;
 use earthshine_tiles::{DirStore, TileStore, check_rows};
 use earthshine_world::{Chunk, ChunkId, PatchId};
@@ -44,15 +45,15 @@ pub(crate) fn run(store: &DirStore, json: bool) -> anyhow::Result<()> {
 
 fn report(faults: &[String], chunks: usize, json: bool) -> anyhow::Result<()> {
     if json {
-        println!(
+        out!(
             "{}",
             serde_json::json!({"chunks": chunks, "faults": faults.len(), "first": faults.iter().take(LISTED_MAX).collect::<Vec<_>>()})
         );
     } else {
         for fault in faults.iter().take(LISTED_MAX) {
-            println!("{fault}");
+            out!("{fault}");
         }
-        println!("{chunks} chunks, {} faults", faults.len());
+        out!("{chunks} chunks, {} faults", faults.len());
     }
     if faults.is_empty() { Ok(()) } else { Err(FaultsFound { count: faults.len() }.into()) }
 }
