@@ -36,8 +36,8 @@ const NEAR_VOXELS: f32 = 0.25;
 /// Rays after which a clear case is decided.
 const FIRST_RAYS: u32 = 8;
 /// Paths, and segments of each, that look for light from a suspect point.
-const LIGHT_PATHS: u64 = 6;
-const LIGHT_PATH_SEGMENTS: u64 = 8;
+const LIGHT_PATHS: u64 = 4;
+const LIGHT_PATH_SEGMENTS: u64 = 6;
 
 /// Tells the exposure of points; one for a whole bake.
 #[derive(Debug)]
@@ -70,6 +70,10 @@ impl ExposureTest<'_> {
             }
             if index + 1 == FIRST_RAYS && back == 0 && near < FIRST_RAYS / 2 {
                 return Exposure::Open(1.0 - near as f32 / FIRST_RAYS as f32);
+            }
+            if index + 1 == FIRST_RAYS && back == FIRST_RAYS && !self.finds_light(origin, sample.normal, key)
+            {
+                return Exposure::Buried;
             }
         }
         let limit = |share: f32| self.rays as f32 * share;
