@@ -6,6 +6,7 @@ use crate::quality::QualityArguments;
 use crate::scene_source;
 use clap::Args;
 use earthshine_bake::{BakeOptions, BakeSummary};
+use earthshine_scene::ImportReport;
 use earthshine_tiles::RowCodec;
 use std::path::PathBuf;
 
@@ -44,9 +45,7 @@ pub(crate) fn run(arguments: &BakeArguments) -> anyhow::Result<()> {
     let quiet = arguments.quiet || arguments.json;
     let source =
         scene_source::load(&arguments.scene, arguments.lights.as_deref(), arguments.quality.metals_black())?;
-    for warning in &source.scene.report.warnings {
-        eprintln!("warning: {warning}");
-    }
+    tell(&source.scene.report);
     let options = BakeOptions {
         parameters: arguments.quality.parameters(&source),
         codec: if arguments.lossless { RowCodec::Full } else { RowCodec::Half },
@@ -63,6 +62,21 @@ pub(crate) fn run(arguments: &BakeArguments) -> anyhow::Result<()> {
         print_summary(&summary, &arguments.world);
     }
     Ok(())
+}
+
+/// What the import left out or changed, on standard error.
+fn tell(report: &ImportReport) {
+    let counted = [
+        (report.zero_area_triangles, "triangles without area were skipped"),
+        (report.clamped_materials, "materials reflect more than 98 % somewhere: clamped"),
+        (report.blended_materials, "materials blend: masked at 0.5"),
+    ];
+    for (count, what) in counted.into_iter().filter(|(count, _)| *count > 0) {
+        eprintln!("warning: {count} {what}");
+    }
+    for warning in &report.warnings {
+        eprintln!("warning: {warning}");
+    }
 }
 
 fn print_summary(summary: &BakeSummary, world: &std::path::Path) {
