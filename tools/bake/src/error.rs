@@ -28,6 +28,18 @@ pub enum BakeError {
         /// How many are possible.
         max: usize,
     },
+    /// The voxels are so small that the samples would not fit in memory.
+    #[error(
+        "a voxel edge of {voxel_edge_m} m makes about {samples} samples: more than memory holds; try --voxel {suggested_m:.3}"
+    )]
+    TooFine {
+        /// m.
+        voxel_edge_m: f32,
+        /// How many points would cover the surfaces.
+        samples: u64,
+        /// m.
+        suggested_m: f32,
+    },
     /// Nothing that light could leave or reach.
     #[error(
         "no patches: every surface is buried, a hole or without area; check the scene's scale against the voxel edge of {voxel_edge_m} m"
@@ -37,7 +49,9 @@ pub enum BakeError {
         voxel_edge_m: f32,
     },
     /// The world holds another scene or other parameters.
-    #[error("{path:?} holds another world (scene {scene:?}); bake into an empty folder, or pass --overwrite")]
+    #[error(
+        "{path:?} holds another bake (of scene {scene:?}, other contents or parameters); bake into an empty folder, or pass --overwrite"
+    )]
     OtherWorld {
         /// The folder.
         path: PathBuf,

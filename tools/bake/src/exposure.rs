@@ -96,11 +96,13 @@ impl ExposureTest<'_> {
         (0..LIGHT_PATHS).any(|path| {
             let (mut place, mut side) = (origin, normal);
             for segment in 0..LIGHT_PATH_SEGMENTS {
-                if self.sees_lamp(place) {
+                let index = 1 + path * LIGHT_PATH_SEGMENTS + segment;
+                let bits = hash(self.seed, Purpose::BuriedTest, key, index);
+                // The low bits choose the lamp, the high ones the direction.
+                if self.sees_lamp(place, bits & 0xFFFF) {
                     return true;
                 }
-                let index = 1 + path * LIGHT_PATH_SEGMENTS + segment;
-                let (u, v) = unit_pair(hash(self.seed, Purpose::BuriedTest, key, index));
+                let (u, v) = unit_pair(bits);
                 let direction = cosine_direction(side, u, v);
                 let Some(hit) = self.tracer.closest(place, direction, 0.0, f32::INFINITY) else {
                     return true;
@@ -115,16 +117,24 @@ impl ExposureTest<'_> {
         })
     }
 
-    /// Whether a lamp of the scene is in sight. The sun is not asked: whoever sees it sees the sky.
-    fn sees_lamp(&self, place: Vec3) -> bool {
-        self.tracer.scene().lights.iter().any(|light| match *light {
-            Light::Directional { .. } => false,
-            Light::Point { position, range_m, .. } | Light::Spot { position, range_m, .. } => {
-                let offset = position - place;
-                let distance = offset.length();
-                range_m.is_none_or(|range| distance < range)
-                    && !self.tracer.is_blocked(place, offset / distance.max(f32::MIN_POSITIVE), distance)
+    /// Whether one lamp of the scene, drawn by `draw`, shines on `place`: a scene may have hundreds. The sun is not
+    /// asked: whoever sees it sees the sky.
+    fn sees_lamp(&self, place: Vec3, draw: u64) -> bool {
+        let lamps = &self.tracer.scene().lights;
+        let Some(lamp) = (draw as usize).checked_rem(lamps.len()).map(|index| lamps[index]) else {
+            return false;
+        };
+        let (position, range_m, cone) = match lamp {
+            Light::Directional { .. } => return false,
+            Light::Point { position, range_m, .. } => (position, range_m, None),
+            Light::Spot { position, direction, outer_cone_rad, range_m, .. } => {
+                (position, range_m, Some((direction, outer_cone_rad.cos())))
             }
-        })
+        };
+        let distance = position.distance(place);
+        let towards = (position - place) / distance.max(f32::MIN_POSITIVE);
+        range_m.is_none_or(|range| distance < range)
+            && cone.is_none_or(|(axis, cosine)| -towards.dot(axis) > cosine)
+            && !self.tracer.is_blocked(place, towards, distance)
     }
 }

@@ -14,7 +14,7 @@ use earthshine_tiles::{
 };
 use earthshine_tiles::{tile_hash, write_atomic};
 use earthshine_trace::SceneTracer;
-use earthshine_world::{Chunk, Grid, LightRig};
+use earthshine_world::{Chunk, Grid, LightRig, Vec3};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -60,6 +60,7 @@ pub fn bake(
     if is_up_to_date(world, world_hash, options)? {
         return finished_before(world, summary);
     }
+    check_size(scene, parameters)?;
     std::fs::create_dir_all(world).map_err(BakeError::io(world))?;
     let mut clock = StageClock { summary: &mut summary, since: Instant::now() };
 
@@ -121,12 +122,37 @@ fn check(parameters: &BakeParameters) -> Result<(), BakeError> {
         let (name, cause) = ("chunk edge", "must be 1 to 22 voxels");
         return Err(BakeError::Parameter { name, value: chunk.to_string(), cause });
     }
+    let (points, samples) = (parameters.points_per_patch, parameters.samples_per_voxel_face);
+    if points == 0 || samples == 0 {
+        let (name, cause) = ("points per patch and samples per voxel face", "must be 1 or more");
+        return Err(BakeError::Parameter { name, value: format!("{points} and {samples}"), cause });
+    }
     let rays = parameters.rays_per_patch;
     if !(1..=1 << 20).contains(&rays) {
         let (name, cause) = ("rays per patch", "must be 1 to 1,048,576");
         return Err(BakeError::Parameter { name, value: rays.to_string(), cause });
     }
     Ok(())
+}
+
+/// Most samples of a bake: about 10 GiB.
+const SAMPLES_MAX: f64 = 1e8;
+
+/// Refuses a voxel edge that would fill the memory before anything is allocated.
+fn check_size(scene: &Scene, parameters: &BakeParameters) -> Result<(), BakeError> {
+    let area = |[a, b, c]: &[Vec3; 3]| f64::from((*b - *a).cross(*c - *a).length()) * 0.5;
+    let surface: f64 = scene.triangles.iter().map(area).sum();
+    let edge = f64::from(parameters.grid.voxel_edge_m);
+    let samples = 2.0 * surface / (edge * edge) * f64::from(parameters.samples_per_voxel_face);
+    if samples <= SAMPLES_MAX {
+        return Ok(());
+    }
+    let suggested_m = (edge * (samples / SAMPLES_MAX).sqrt() * 1.1) as f32;
+    Err(BakeError::TooFine {
+        voxel_edge_m: parameters.grid.voxel_edge_m,
+        samples: samples as u64,
+        suggested_m,
+    })
 }
 
 /// Whether `world` already is this bake. A world that is another one is only replaced when asked.
@@ -197,9 +223,11 @@ fn exposed(
         .par_chunks(BATCH)
         .enumerate()
         .flat_map_iter(|(batch, run)| {
+            let number = |i: usize| (batch * BATCH + i) as u64;
+            let found: Vec<Exposure> =
+                run.iter().enumerate().map(|(i, sample)| test.of(sample, number(i))).collect();
             progress.advance(run.len() as u64);
-            let test = &test;
-            run.iter().enumerate().map(move |(i, sample)| test.of(sample, (batch * BATCH + i) as u64))
+            found
         })
         .collect();
     for (sample, exposure) in samples.iter_mut().zip(exposures) {
@@ -324,7 +352,7 @@ fn count(summary: &mut BakeSummary, manifest: &Manifest, started: Instant) {
     summary.nonzeros = manifest.chunks.iter().map(|c| c.nonzero_count).sum();
     summary.chunks = manifest.chunks.len() as u64;
     summary.world_bytes = manifest.chunks.iter().map(|c| c.tile_bytes).sum();
-    summary.bytes_per_nonzero = summary.world_bytes as f64 / summary.nonzeros.max(1) as f64;
+    summary.tile_bytes_per_nonzero = summary.world_bytes as f64 / summary.nonzeros.max(1) as f64;
     let size = manifest.bounds.size().as_dvec3();
     summary.bytes_per_km2 = summary.world_bytes as f64 / (size.x * size.z).max(1e-9) * 1e6;
     summary.seconds = started.elapsed().as_secs_f64();

@@ -31,8 +31,8 @@ pub struct BakeSummary {
     pub patches_s: f64,
     /// All files of the world.
     pub world_bytes: u64,
-    /// Tiles only, over form factors.
-    pub bytes_per_nonzero: f64,
+    /// Whole tiles (rows, points, occluders) over form factors; `bench tiles` has the rows alone.
+    pub tile_bytes_per_nonzero: f64,
     /// World size over the ground it covers.
     pub bytes_per_km2: f64,
     /// Mean share that hits sides without patches or was lost in balancing.

@@ -14,7 +14,7 @@ use std::path::PathBuf;
 #[derive(Args)]
 #[command(after_help = "Examples:
   earthshine bake sponza.glb sponza.world --voxel 1
-  earthshine bake cornell sponza.world --json      (a generated scene by name)
+  earthshine bake cornell cornell.world --json     (a generated scene by name)
 An interrupted bake goes on where it stopped: run the same command again.")]
 pub(crate) struct BakeArguments {
     /// A .glb or .gltf file, or the name of a generated scene (cornell, furnace, two-rooms, corridor, town).
@@ -46,6 +46,7 @@ pub(crate) fn run(arguments: &BakeArguments) -> anyhow::Result<()> {
     let source =
         scene_source::load(&arguments.scene, arguments.lights.as_deref(), arguments.quality.metals_black())?;
     tell(&source.scene.report);
+    scene_source::warn_if_dark(&source);
     let options = BakeOptions {
         parameters: arguments.quality.parameters(&source),
         codec: if arguments.lossless { RowCodec::Full } else { RowCodec::Half },
@@ -95,7 +96,7 @@ fn print_summary(summary: &BakeSummary, world: &std::path::Path) {
     out!(
         "{:.1} MB ({:.2} bytes a form factor), {:.2} M rays/s a core, {:.1} s",
         summary.world_bytes as f64 / 1e6,
-        summary.bytes_per_nonzero,
+        summary.tile_bytes_per_nonzero,
         summary.mrays_s_core,
         summary.seconds
     );

@@ -14,7 +14,7 @@ use std::path::PathBuf;
 #[derive(Args)]
 #[command(after_help = "Examples:
   earthshine compare pictures service_full.png reference_full.png --flip flip.png
-  earthshine compare points sponza.world sponza.mitsuba.csv --lights sponza.lights.json --out points.csv")]
+  earthshine compare points sponza.world sponza.mitsuba.csv --out points.csv")]
 pub(crate) struct CompareArguments {
     #[command(subcommand)]
     what: What,
@@ -44,7 +44,7 @@ enum What {
         world: PathBuf,
         /// x,y,z,nx,ny,nz,r,g,b,sr,sg,sb.
         reference: PathBuf,
-        /// Lights JSON, for a world baked without one; the scene's own lamps stay on where the file says so.
+        /// Lights JSON that replaces the lights of the world.
         #[arg(long)]
         lights: Option<PathBuf>,
         /// Writes both lights of each point as CSV.
@@ -102,9 +102,7 @@ fn points(
     let rig = match lights {
         Some(path) => {
             let file = earthshine_scene::load_lights(path)?;
-            let kept = own.lights.iter().filter(|_| file.use_gltf_lights);
-            let lights = kept.chain(&file.lights).copied().collect();
-            LightRig { lights, sky: file.sky, emission_scale: own.emission_scale }
+            LightRig { lights: file.lights, sky: file.sky, emission_scale: own.emission_scale }
         }
         None => own.clone(),
     };

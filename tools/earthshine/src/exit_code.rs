@@ -2,7 +2,14 @@
 
 use earthshine_bake::BakeError;
 use earthshine_client::ClientError;
-use earthshine_fly::FlyError;
+use earthshine_fly::{FlyError, PathError};
+use earthshine_gen::GenError;
+use earthshine_render::camera::CameraError;
+use earthshine_render::compare_points::CompareError;
+use earthshine_render::csv::CsvError;
+use earthshine_render::image_file::ImageFileError;
+use earthshine_render::metrics::SizeError;
+use earthshine_render::picture::SamplesError;
 use earthshine_scene::SceneError;
 use earthshine_server::ServerError;
 use earthshine_tiles::TileError;
@@ -31,7 +38,8 @@ Exit codes: 0 done; 1 other; 2 command line; 3 input file (scene, lights, points
 Examples:
   earthshine demo
   earthshine gen town town.glb && earthshine bake town.glb town.world
-  earthshine serve town.world & earthshine fly --out pictures";
+  earthshine serve town.world          (and in another terminal)
+  earthshine fly --scene town.glb --out pictures";
 
 /// A check that was asked for found faults; they have been printed.
 #[derive(Debug, thiserror::Error)]
@@ -39,6 +47,22 @@ Examples:
 pub(crate) struct FaultsFound {
     /// How many.
     pub count: usize,
+}
+
+/// Options that do not go together.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub(crate) struct WrongUse(pub &'static str);
+
+/// `error` and its causes in one line, each said once.
+pub(crate) fn described(error: &anyhow::Error) -> String {
+    let mut text = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        if !text.contains(&cause) {
+            text = if text.is_empty() { cause } else { format!("{text}: {cause}") };
+        }
+    }
+    text
 }
 
 /// The code for `error`: that of the first cause that has one.
@@ -55,21 +79,36 @@ fn code(cause: &(dyn std::error::Error + 'static)) -> Option<u8> {
     }
     if let Some(error) = cause.downcast_ref::<BakeError>() {
         return Some(match error {
-            BakeError::Parameter { .. } => USAGE,
+            BakeError::Parameter { .. } | BakeError::TooFine { .. } => USAGE,
             BakeError::TooManyPatches { .. } | BakeError::NoPatches { .. } => INPUT,
             BakeError::OtherWorld { .. } => WORLD,
             BakeError::Io { .. } => STORAGE,
             BakeError::Tile(error) => tile_code(error),
         });
     }
-    let connection = cause.is::<ClientError>() || cause.is::<FlyError>();
-    let input = cause.is::<SceneError>();
-    match (connection, input) {
-        (true, _) => Some(CONNECTION),
-        (_, true) => Some(INPUT),
-        _ if cause.is::<FaultsFound>() => Some(FAULTS),
-        _ if cause.is::<std::io::Error>() => Some(STORAGE),
-        _ => None,
+    if let Some(error) = cause.downcast_ref::<FlyError>() {
+        return Some(match error {
+            FlyError::Options { .. } | FlyError::Path(_) => USAGE,
+            FlyError::Client { .. } => CONNECTION,
+        });
+    }
+    if let Some(error) = cause.downcast_ref::<GenError>() {
+        return Some(if matches!(error, GenError::Write { .. }) { STORAGE } else { USAGE });
+    }
+    let is_input = cause.is::<SceneError>()
+        || cause.is::<CsvError>()
+        || cause.is::<ImageFileError>()
+        || cause.is::<CompareError>()
+        || cause.is::<SizeError>()
+        || cause.is::<PathError>();
+    let is_usage = cause.is::<CameraError>() || cause.is::<SamplesError>() || cause.is::<WrongUse>();
+    match () {
+        () if is_input => Some(INPUT),
+        () if is_usage => Some(USAGE),
+        () if cause.is::<ClientError>() => Some(CONNECTION),
+        () if cause.is::<FaultsFound>() => Some(FAULTS),
+        () if cause.is::<std::io::Error>() => Some(STORAGE),
+        () => None,
     }
 }
 

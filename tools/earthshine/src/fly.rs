@@ -1,10 +1,11 @@
 //! `earthshine fly`: a camera path through the client library, with latencies, misses and pictures.
 
+use crate::exit_code::WrongUse;
 use crate::lights_wire;
 use crate::output::out;
 use crate::scene_source;
 use crate::view::{ViewArguments, vector, write_layers};
-use anyhow::{Context as _, bail};
+use anyhow::Context as _;
 use clap::{Args, ValueEnum};
 use earthshine_client::World;
 use earthshine_fly::{FlyFrame, FlyOptions, FlyReport, Path, SunPath};
@@ -109,7 +110,7 @@ impl RouteArguments {
             },
             Route::Recorded => match &self.file {
                 Some(file) => Path::load(file)?,
-                None => bail!("--path recorded needs --file"),
+                None => return Err(WrongUse("--path recorded needs --file").into()),
             },
             Route::Teleports => Path::Teleports {
                 seed: self.seed,
@@ -177,6 +178,9 @@ fn recorded(path: &Path, seconds: f32, rate: f32) -> Path {
     Path::Recorded { keys }
 }
 
+/// Pictures with more unlit surface than this are remarked on.
+const UNCOVERED_WARNING_PERCENT: f64 = 2.0;
+
 /// Draws what each kept frame's light looks like.
 fn draw(
     frames: &[FlyFrame],
@@ -193,6 +197,14 @@ fn draw(
         let lookup = |position, normal| frame.light.lookup(position, normal).map(|found| found.irradiance);
         let options = PictureOptions { camera, samples: 8, seed: 1 };
         let layers = render(&tracer, &rig, &options, LightSource::Lookup(&lookup))?;
+        let uncovered = layers.uncovered_share * 100.0;
+        if uncovered > UNCOVERED_WARNING_PERCENT {
+            eprintln!(
+                "warning: picture {}: {uncovered:.0} % of the surfaces in view lie beyond the resident patches and \
+                 are drawn without indirect light; raise engine.resident_patches_max or the bake's --voxel",
+                frame.picture
+            );
+        }
         let prefix = format!("flight_{:02}_", frame.picture);
         write_layers(folder, &prefix, &layers, image_file::key_exposure(&layers.full), false)?;
     }

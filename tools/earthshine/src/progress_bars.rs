@@ -2,6 +2,7 @@
 
 use earthshine_bake::{Progress, Stage};
 use indicatif::{HumanCount, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
+use std::io::IsTerminal as _;
 use std::sync::Mutex;
 
 /// A bar for each stage of a bake.
@@ -27,6 +28,9 @@ impl BakeBars {
 impl Progress for BakeBars {
     fn begin(&self, stage: Stage, total: u64) {
         self.finish();
+        if !self.quiet && !std::io::stderr().is_terminal() {
+            eprintln!("{}: {} {}", stage.name(), HumanCount(total), stage.unit());
+        }
         let bar = counted(stage.name(), stage.unit(), total, self.quiet);
         *self.bar.lock().expect("no holder panics") = Some(bar);
     }

@@ -53,6 +53,7 @@ const SERVICE_SAMPLES: u32 = 16;
 /// Runs the subcommand.
 pub(crate) fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let source = scene_source::load(&arguments.scene, arguments.lights.as_deref(), false)?;
+    scene_source::warn_if_dark(&source);
     let tracer = SceneTracer::new(&source.scene);
     let camera = arguments.view.pinhole(&source.scene.bounds())?;
     let options = PictureOptions { camera, samples: arguments.samples, seed: arguments.seed };
@@ -73,6 +74,12 @@ pub(crate) fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     write_layers(&arguments.out, "service_", &comparison.service, exposure, arguments.exr)?;
     write_layers(&arguments.out, "reference_", &comparison.reference, exposure, arguments.exr)?;
     comparison.write_sheet(&arguments.out.join("sheet.png"))?;
+    if comparison.service.uncovered_share > 0.5 {
+        eprintln!(
+            "warning: most of the view has no light in {}: is it baked from this scene?",
+            folder.display()
+        );
+    }
     let errors = comparison.indirect_errors()?;
     if arguments.json {
         let uncovered_share = comparison.service.uncovered_share;
@@ -85,6 +92,10 @@ pub(crate) fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     } else {
         out!("{}: service_*, reference_*, sheet.png; exposure {exposure:e}", arguments.out.display());
         out!("indirect light, sRGB at that exposure: {}", crate::compare::described(&errors));
+        out!(
+            "{:.2} % of the surfaces in view have no light in the world",
+            comparison.service.uncovered_share * 100.0
+        );
     }
     Ok(())
 }

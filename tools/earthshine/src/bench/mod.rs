@@ -78,11 +78,12 @@ impl<F: Serialize> Report<F> {
     }
 
     fn print(&self, json: bool) -> anyhow::Result<()> {
+        // Through a map, so that a key stands once: figures may have seconds of their own.
+        let serde_json::Value::Object(keys) = serde_json::to_value(self)? else { return Ok(()) };
         if json {
-            out!("{}", serde_json::to_string(self)?);
+            out!("{}", serde_json::to_string(&keys)?);
             return Ok(());
         }
-        let serde_json::Value::Object(keys) = serde_json::to_value(self)? else { return Ok(()) };
         for (key, value) in keys {
             out!("{key:>24}  {value}");
         }

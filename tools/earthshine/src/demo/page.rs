@@ -19,7 +19,11 @@ pub(super) fn html(summary: &Summary) -> String {
     row("patches, form factors", format!("{}, {}", bake.patches, bake.nonzeros));
     row(
         "world on disk",
-        format!("{:.1} MB, {:.2} bytes a form factor", bake.world_bytes as f64 / 1e6, bake.bytes_per_nonzero),
+        format!(
+            "{:.1} MB, {:.2} bytes a form factor",
+            bake.world_bytes as f64 / 1e6,
+            bake.tile_bytes_per_nonzero
+        ),
     );
     row("bake", format!("{:.1} s, {:.2} M rays/s a core", bake.seconds, bake.mrays_s_core));
     row(

@@ -81,7 +81,7 @@ fn summary(manifest: &Manifest, json: bool) -> anyhow::Result<()> {
     if json {
         let summary = serde_json::json!({
             "scene": manifest.scene, "chunks": manifest.chunks.len(), "patches": patches, "nonzeros": nonzeros,
-            "world_bytes": bytes, "bytes_per_nonzero": per_nonzero, "bytes_per_km2": per_km2,
+            "world_bytes": bytes, "tile_bytes_per_nonzero": per_nonzero, "bytes_per_km2": per_km2,
             "parameters": manifest.parameters, "bounds": manifest.bounds, "lights": manifest.lights.lights.len(),
         });
         out!("{summary}");
