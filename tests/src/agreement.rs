@@ -1,0 +1,110 @@
+//! Served light beside solved light, patch by patch and point by point, within what the wire can say.
+
+use crate::solved::{PatchPlace, Solution, SolvedWorld, place_of};
+use earthshine_client::Light;
+use earthshine_volume::lookup;
+use earthshine_world::Rgb;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// The wire's RGB9E5 keeps nine bits of the largest channel.
+const WIRE_REL: f32 = 1.0 / 512.0;
+/// Shares are stored in half precision, each row for itself; the engine takes both ways of an exchange from one of
+/// the two rows.
+const SHARES_REL: f32 = 1e-3;
+/// Below this nothing is told apart from nothing, lx.
+const DARK: f32 = 1e-4;
+
+/// What a client was told of one patch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ServedPatch {
+    /// lx.
+    pub irradiance: Rgb,
+    /// lx.
+    pub sky_irradiance: Rgb,
+    /// 0..=1.
+    pub quality: f32,
+}
+
+/// Everything a client was told, by place.
+#[must_use]
+pub fn served_patches(light: &Light) -> BTreeMap<PatchPlace, ServedPatch> {
+    let mut patches = BTreeMap::new();
+    for (voxel, told) in light.volumes().iter().flat_map(earthshine_volume::Volume::iter) {
+        for direction in (0..6).filter(|&direction| told.has(direction)) {
+            let patch = ServedPatch {
+                irradiance: told.irradiance[direction],
+                sky_irradiance: told.sky_irradiance[direction],
+                quality: f32::from(told.quality[direction]) / 255.0,
+            };
+            patches.insert((voxel.to_array(), direction), patch);
+        }
+    }
+    patches
+}
+
+/// Most that a served value may be off, for a value of `expected`, lx.
+fn tolerance(expected: Rgb) -> f32 {
+    (WIRE_REL + SHARES_REL) * expected.max_element() + DARK
+}
+
+/// Asserts that `light` is `solution` at every patch of the world, and at the middle of every sample point's surface.
+///
+/// # Panics
+/// If it is not.
+pub fn assert_is(world: &SolvedWorld, solution: &Solution, light: &Light) {
+    let served = served_patches(light);
+    assert_eq!(served.len(), world.patches().count(), "every patch is served");
+    for (index, patch) in world.patches().enumerate() {
+        let told = served[&place_of(patch)];
+        for (what, told, solved) in [
+            ("irradiance", told.irradiance, solution.irradiance[index]),
+            ("sky", told.sky_irradiance, solution.sky_irradiance[index]),
+        ] {
+            let gap = (told - solved).abs().max_element();
+            assert!(gap <= tolerance(solved), "{what} of {patch:?}: {told} served, {solved} solved");
+        }
+        assert_eq!(told.quality, 1.0, "nothing is far from {patch:?}");
+    }
+    let volume = world.volume(solution);
+    for chunk in world.chunks() {
+        for point in chunk.points.iter().step_by(3) {
+            let solved = lookup(&[&volume], point.position, point.normal).expect("a surface point is lit");
+            let told = light.lookup(point.position, point.normal).expect("a surface point is lit");
+            // Neighbours with other colours round by their own largest channel.
+            let gap = (told.irradiance - solved.irradiance).abs().max_element();
+            assert!(
+                gap <= 4.0 * tolerance(solved.irradiance),
+                "{told:?} served, {solved:?} solved at {point:?}"
+            );
+        }
+    }
+}
+
+/// Asserts that what is served lies between the light of the `served` patches alone and that of the whole world, that
+/// the sky is the patch's own, and that the quality is the share of the row that is known. Returns the least quality.
+///
+/// # Panics
+/// If any of it is not so.
+pub fn assert_between(
+    world: &SolvedWorld,
+    whole: &Solution,
+    alone: &Solution,
+    served: &BTreeMap<PatchPlace, ServedPatch>,
+) -> f32 {
+    let present: BTreeSet<PatchPlace> = served.keys().copied().collect();
+    let known = world.known_shares(&present);
+    let mut least = 1.0f32;
+    for (index, patch) in world.patches().enumerate() {
+        let Some(told) = served.get(&place_of(patch)) else { continue };
+        let (most, fewest) = (whole.irradiance[index], alone.irradiance[index]);
+        let slack = tolerance(most);
+        assert!((told.irradiance - most).max_element() <= slack, "{told:?} exceeds {most} at {patch:?}");
+        assert!((fewest - told.irradiance).max_element() <= slack, "{told:?} is below {fewest} at {patch:?}");
+        let sky = whole.sky_irradiance[index];
+        let gap = (told.sky_irradiance - sky).abs().max_element();
+        assert!(gap <= tolerance(sky), "{told:?} has another sky than {sky} at {patch:?}");
+        assert!((told.quality - known[index]).abs() <= 1.5 / 255.0, "{told:?}: {} is known", known[index]);
+        least = least.min(told.quality);
+    }
+    least
+}

@@ -1,0 +1,54 @@
+//! A server in the background: free ports, budgets that let a small world settle at once.
+
+use crate::viewer::within;
+use earthshine_server::{Config, Server, ServerError};
+use std::path::Path;
+use tokio::sync::oneshot;
+use tokio::task::JoinHandle;
+
+/// A running server.
+#[derive(Debug)]
+pub struct ServedWorld {
+    /// `http://address` for clients.
+    pub uri: String,
+    stop: oneshot::Sender<()>,
+    ended: JoinHandle<Result<(), ServerError>>,
+}
+
+impl ServedWorld {
+    /// Serves the world in the folder `world` with up to `resident_patches_max` patches a session, and with what
+    /// `change` makes of the configuration.
+    ///
+    /// # Panics
+    /// If the server does not start.
+    pub async fn start(world: &Path, resident_patches_max: u32, change: impl FnOnce(&mut Config)) -> Self {
+        let free = "127.0.0.1:0".parse().expect("an address");
+        let mut config = Config {
+            world: world.to_owned(),
+            listen: free,
+            admin_listen: free,
+            tick_rate_hz: 200.0,
+            ..Config::default()
+        };
+        config.engine.resident_patches_max = resident_patches_max;
+        config.engine.load_radius_m = 1000.0;
+        config.engine.adds_per_tick_max = 256;
+        config.engine.removals_per_tick_max = 256;
+        config.engine.shadow_points_per_tick_max = 1 << 20;
+        change(&mut config);
+        let server = Server::bind(config).await.expect("a sound world and a free port");
+        let uri = format!("http://{}", server.local_addr());
+        let (stop, stopped) = oneshot::channel();
+        let ended = tokio::spawn(server.run(async { drop(stopped.await) }));
+        Self { uri, stop, ended }
+    }
+
+    /// Stops it and returns how it ended.
+    ///
+    /// # Panics
+    /// If it does not end in time, or panics.
+    pub async fn stop(self) -> Result<(), ServerError> {
+        drop(self.stop);
+        within("the server's end", self.ended).await.expect("the server does not panic")
+    }
+}

@@ -1,0 +1,191 @@
+//! The same world lit as a whole: every chunk in memory, one sparse solve, no streaming and no local matrix.
+//!
+//! It reads tiles and direct light through the packages that own them, and shares nothing with the engine: neither
+//! residency nor the split of rows nor the matrix.
+
+use earthshine_light::{OccluderSet, Occluders, direct_irradiance};
+use earthshine_radiosity::gather::{GatherLimits, Sources, SparseRows, gather};
+use earthshine_tiles::{DirStore, TileStore};
+use earthshine_volume::{Layout, Volume};
+use earthshine_world::{Chunk, ChunkId, Grid, LightRig, Patch, Rgb, VoxelCoord};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::sync::Arc;
+
+/// Where shadow rays start, in voxel edges off their surface: what the engine documents.
+const RAY_EPSILON_VOXELS: f32 = 1e-3;
+const LIMITS: GatherLimits = GatherLimits { tolerance: 1e-7, iterations_max: 2000 };
+
+/// A patch by place: what a volume can say of it.
+pub type PatchPlace = ([i32; 3], usize);
+
+/// All chunks of a world.
+#[derive(Debug)]
+pub struct SolvedWorld {
+    grid: Grid,
+    /// The lights that came with the world.
+    pub lights: LightRig,
+    chunks: Vec<Chunk>,
+    /// Number of the first patch of each chunk.
+    first: BTreeMap<ChunkId, usize>,
+    occluders: OccluderSet,
+}
+
+/// Light on every patch, in the order of [`SolvedWorld::patches`].
+#[derive(Debug, Clone)]
+pub struct Solution {
+    /// lx.
+    pub irradiance: Vec<Rgb>,
+    /// The part of it that comes straight from the sky, lx.
+    pub sky_irradiance: Vec<Rgb>,
+}
+
+impl SolvedWorld {
+    /// Reads the world in the folder `world`.
+    ///
+    /// # Panics
+    /// If any of it cannot be read.
+    #[must_use]
+    pub fn load(world: &Path) -> Self {
+        let store = DirStore::open(world).expect("a world");
+        let manifest = store.manifest();
+        let chunks: Vec<Chunk> =
+            manifest.chunks.iter().map(|entry| store.load(entry.id()).expect("a sound tile")).collect();
+        let mut occluders = OccluderSet::new();
+        let mut first = BTreeMap::new();
+        let mut count = 0;
+        for chunk in &chunks {
+            occluders.insert(chunk.id, Arc::new(Occluders::build(&chunk.occluders)));
+            first.insert(chunk.id, count);
+            count += chunk.patches.len();
+        }
+        Self { grid: manifest.parameters.grid, lights: manifest.lights.clone(), chunks, first, occluders }
+    }
+
+    /// Every chunk, ascending by id.
+    #[must_use]
+    pub fn chunks(&self) -> &[Chunk] {
+        &self.chunks
+    }
+
+    /// Every patch, chunk by chunk.
+    pub fn patches(&self) -> impl Iterator<Item = &Patch> {
+        self.chunks.iter().flat_map(|chunk| &chunk.patches)
+    }
+
+    /// Everywhere a patch is.
+    #[must_use]
+    pub fn places(&self) -> Vec<PatchPlace> {
+        self.patches().map(place_of).collect()
+    }
+
+    /// Light of `rig`, all bounces.
+    #[must_use]
+    pub fn solve(&self, rig: &LightRig) -> Solution {
+        self.solve_among(rig, &self.places().into_iter().collect())
+    }
+
+    /// Light of `rig` as if `present` were all the patches there are, and the rest neither sent light nor
+    /// uncovered any sky.
+    ///
+    /// # Panics
+    /// If the world's rows are no sparse matrix.
+    #[must_use]
+    pub fn solve_among(&self, rig: &LightRig, present: &BTreeSet<PatchPlace>) -> Solution {
+        let is_present: Vec<bool> = self.places().iter().map(|place| present.contains(place)).collect();
+        let rows = self.rows_among(&is_present);
+        let sky_irradiance: Vec<Rgb> = self
+            .chunks
+            .iter()
+            .flat_map(|chunk| &chunk.rows.sky_shares)
+            .map(|shares| rig.sky.irradiance(shares))
+            .collect();
+        let reflectance: Vec<Rgb> = self.patches().map(|patch| patch.reflectance).collect();
+        let direct_exitance = self.direct_exitance(rig);
+        let sources = Sources {
+            direct_exitance: &direct_exitance,
+            reflectance: &reflectance,
+            outside_irradiance: &sky_irradiance,
+        };
+        let mut irradiance = vec![Rgb::ZERO; is_present.len()];
+        let report = gather(&rows, sources, &mut irradiance, LIMITS);
+        assert!(report.converged, "{report:?}");
+        Solution { irradiance, sky_irradiance }
+    }
+
+    /// Share of each patch's row that does not lead to a patch outside of `present`.
+    #[must_use]
+    pub fn known_shares(&self, present: &BTreeSet<PatchPlace>) -> Vec<f32> {
+        let is_present: Vec<bool> = self.places().iter().map(|place| present.contains(place)).collect();
+        self.entries()
+            .map(|row| {
+                let far: f64 = row.filter(|&(j, _)| !is_present[j]).map(|(_, share)| f64::from(share)).sum();
+                1.0 - far as f32
+            })
+            .collect()
+    }
+
+    /// The volume that a client would hold of `solution`.
+    ///
+    /// # Panics
+    /// If the world has no patches, or is larger than a volume.
+    #[must_use]
+    pub fn volume(&self, solution: &Solution) -> Volume {
+        let voxels = || self.patches().map(|patch| patch.voxel);
+        let low = voxels().reduce(VoxelCoord::min).expect("a patch");
+        let high = voxels().reduce(VoxelCoord::max).expect("a patch");
+        let layout = Layout {
+            level: 0,
+            origin: low,
+            dims: (high - low + 1).as_uvec3(),
+            voxel_edge_m: self.grid.voxel_edge_m,
+        };
+        let mut volume = Volume::new(layout).expect("a small world");
+        for (index, patch) in self.patches().enumerate() {
+            let (all, sky) = (solution.irradiance[index], solution.sky_irradiance[index]);
+            volume.set_patch(patch.voxel, patch.direction.index(), all, sky, u8::MAX);
+        }
+        volume
+    }
+
+    /// `rho * E_direct + emission` of every patch, lm/m2.
+    fn direct_exitance(&self, rig: &LightRig) -> Vec<Rgb> {
+        let epsilon_m = RAY_EPSILON_VOXELS * self.grid.voxel_edge_m;
+        let of = |chunk: &Chunk, patch: &Patch| {
+            let points = chunk.points_of(patch);
+            let arriving = direct_irradiance(&self.occluders, &rig.lights, points, epsilon_m, 1);
+            patch.reflectance * arriving + patch.emission * rig.emission_scale
+        };
+        self.chunks.iter().flat_map(|chunk| chunk.patches.iter().map(move |patch| of(chunk, patch))).collect()
+    }
+
+    /// Rows of all patches over one numbering.
+    fn entries(&self) -> impl Iterator<Item = impl Iterator<Item = (usize, f32)>> {
+        self.chunks.iter().flat_map(move |chunk| {
+            (0..chunk.rows.row_count()).map(move |row| {
+                chunk.rows.row(row).map(move |(column, share)| {
+                    let id = chunk.rows.patch_id(column);
+                    (self.first[&id.chunk] + usize::from(id.local), share)
+                })
+            })
+        })
+    }
+
+    fn rows_among(&self, is_present: &[bool]) -> SparseRows {
+        let (mut starts, mut columns, mut shares) = (vec![0], Vec::new(), Vec::new());
+        for row in self.entries() {
+            for (column, share) in row.filter(|&(column, _)| is_present[column]) {
+                columns.push(u32::try_from(column).expect("a small world"));
+                shares.push(share);
+            }
+            starts.push(columns.len());
+        }
+        SparseRows::new(starts, columns, shares).expect("rows that the reader let through")
+    }
+}
+
+/// Where `patch` is.
+#[must_use]
+pub fn place_of(patch: &Patch) -> PatchPlace {
+    (patch.voxel.to_array(), patch.direction.index())
+}
