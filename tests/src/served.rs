@@ -47,6 +47,9 @@ impl ServedWorld {
     ///
     /// # Panics
     /// If it does not end in time, or panics.
+    ///
+    /// # Errors
+    /// Whatever ended the server's task.
     pub async fn stop(self) -> Result<(), ServerError> {
         drop(self.stop);
         within("the server's end", self.ended).await.expect("the server does not panic")
