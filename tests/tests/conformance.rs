@@ -1,16 +1,31 @@
-//! Backends and stores are interchangeable: each passes the suite of its trait.
+//! Backends and stores are interchangeable: each passes the suite of its trait; and the suites can fail.
+
+mod flawed;
 
 use earthshine_radiosity::{Backend, CpuBackend};
 use earthshine_tests::backend_suite::backend_conformance;
 use earthshine_tests::baked::{BakedWorld, coarse, imported, own_lights};
 use earthshine_tests::store_suite::store_conformance;
-use earthshine_tiles::{DirStore, FaultPlan, FaultyStore};
+use earthshine_tiles::{DirStore, FaultPlan, FaultyStore, Manifest};
+use flawed::{Flaw, FlawedBackend};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+fn cpu(slots: u32) -> CpuBackend {
+    CpuBackend::new(slots).expect("a small matrix")
+}
 
 #[test]
 fn the_cpu_backend_conforms() {
-    backend_conformance(|slots| {
-        Box::new(CpuBackend::new(slots).expect("a small matrix")) as Box<dyn Backend>
-    });
+    backend_conformance(|slots| Box::new(cpu(slots)) as Box<dyn Backend>);
+}
+
+/// Goal: the suite notices. Method: the CPU backend with one small flaw at a time.
+#[test]
+fn a_flawed_backend_does_not_conform() {
+    for flaw in Flaw::ALL {
+        let run = || backend_conformance(|slots| Box::new(FlawedBackend::new(cpu(slots), flaw)));
+        assert!(catch_unwind(run).is_err(), "{flaw:?} went unnoticed");
+    }
 }
 
 fn corridor() -> BakedWorld {
@@ -18,18 +33,26 @@ fn corridor() -> BakedWorld {
     BakedWorld::new("corridor", &scene, own_lights(&scene), coarse(1.0, 8))
 }
 
+fn opened(world: &BakedWorld) -> (DirStore, Manifest) {
+    let store = DirStore::open(world.path()).expect("a world");
+    let manifest = store.manifest().clone();
+    (store, manifest)
+}
+
 #[test]
 fn a_folder_of_tiles_conforms() {
     let world = corridor();
-    let store = DirStore::open(world.path()).expect("a world");
-    let manifest = store.manifest().clone();
+    let (store, manifest) = opened(&world);
     store_conformance(store, &manifest);
 }
 
 #[test]
-fn a_store_whose_faults_are_off_conforms() {
+fn a_store_whose_faults_are_off_conforms_and_one_whose_faults_are_on_does_not() {
     let world = corridor();
-    let store = DirStore::open(world.path()).expect("a world");
-    let manifest = store.manifest().clone();
+    let (store, manifest) = opened(&world);
     store_conformance(FaultyStore::new(store, FaultPlan::none(3)), &manifest);
+    let (store, _) = opened(&world);
+    let store = FaultyStore::new(store, FaultPlan { flipped_rate: 0.05, ..FaultPlan::none(3) });
+    let run = AssertUnwindSafe(|| store_conformance(store, &manifest));
+    assert!(catch_unwind(run).is_err(), "a flipped bit went unnoticed");
 }

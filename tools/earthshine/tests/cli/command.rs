@@ -82,8 +82,11 @@ pub(crate) fn bake<'a>(scene: &'a str, world: &'a str) -> [&'a str; 9] {
 
 /// A small sound world called `world` in `folder`: a Cornell box.
 pub(crate) fn cornell_world(folder: &Path) {
-    run(folder, &["bake", "cornell", "world", "--voxel", "0.5", "--rays", "32", "--chunk-voxels", "4", "--quiet"])
-        .succeeds();
+    run(
+        folder,
+        &["bake", "cornell", "world", "--voxel", "0.5", "--rays", "32", "--chunk-voxels", "4", "--quiet"],
+    )
+    .succeeds();
 }
 
 /// Everything in a folder: name from there to bytes.

@@ -24,10 +24,11 @@ impl Gltf {
         let indices: [u16; 12] = [0, 1, 2, 0, 2, 3, 0, 2, 1, 0, 3, 2];
         let mut binary: Vec<u8> = corners.concat().iter().flat_map(|number| number.to_le_bytes()).collect();
         binary.extend(indices.iter().flat_map(|index| index.to_le_bytes()));
-        let view = |offset: u32, length: u32| json!({"buffer": 0, "byteOffset": offset, "byteLength": length});
-        let corners = |view: u32| json!({"bufferView": view, "componentType": FLOAT, "type": "VEC3", "count": 4});
-        let indices =
-            |view: u32| json!({"bufferView": view, "componentType": UNSIGNED_SHORT, "type": "SCALAR", "count": 6});
+        let view =
+            |offset: u32, length: u32| json!({"buffer": 0, "byteOffset": offset, "byteLength": length});
+        let corners =
+            |view: u32| json!({"bufferView": view, "componentType": FLOAT, "type": "VEC3", "count": 4});
+        let indices = |view: u32| json!({"bufferView": view, "componentType": UNSIGNED_SHORT, "type": "SCALAR", "count": 6});
         let part = |n: u32| json!({"attributes": {"POSITION": n}, "indices": 2 + n, "material": n});
         let json = json!({
             "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],

@@ -73,7 +73,10 @@ fn from_a_seed_to_a_flight() {
     let flown = run(here, &["fly", "--server", &served.uri, "--seconds", "1", "--rate", "30", "--json"])
         .succeeds()
         .json();
-    assert!(flown["camera_updates"].as_u64() > Some(10) && flown["last_patches"].as_u64() > Some(0), "{flown}");
+    assert!(
+        flown["camera_updates"].as_u64() > Some(10) && flown["last_patches"].as_u64() > Some(0),
+        "{flown}"
+    );
     let (code, last_words) = served.terminate();
     assert_eq!(code, Some(0), "{last_words}");
     assert!(!last_words.contains("panicked"), "{last_words}");

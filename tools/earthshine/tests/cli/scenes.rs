@@ -58,7 +58,7 @@ fn a_missing_file() {
 
 #[test]
 fn a_file_that_is_not_gltf() {
-    for bytes in [&b"solid a_stereolithography_file"[..], b"", b"PK\x03\x04", b"{\"asset\": 3"] {
+    for bytes in [&b"solid a_stereolithography_file"[..], b"", b"PK\x03\x04 a zip", b"{\"asset\": }"] {
         let desk = Desk::new();
         std::fs::write(desk.path().join("room.glb"), bytes).expect("a scratch folder");
         desk.refuses("room.glb", &["not glTF 2.0", "export the scene as .glb"], write_sound);
@@ -158,7 +158,10 @@ fn lights_that_cannot_be() {
     let with_lights = [&bake("room.glb", "world")[..], &["--lights", "lamps.json"]].concat();
     run(desk.path(), &with_lights).fails(INPUT, &["lamps.json", "no such file"]);
     for (text, words) in [
-        (r#"{"lights": [{"type": "point", "position": [0, 1, 0], "intensity": -5}]}"#, ["light 0", "negative"]),
+        (
+            r#"{"lights": [{"type": "point", "position": [0, 1, 0], "intensity": -5}]}"#,
+            ["light 0", "negative"],
+        ),
         (r#"{"lights": [{"type": "laser"}]}"#, ["light 0", "laser"]),
         ("lamp: on", ["the file", "expected"]),
     ] {

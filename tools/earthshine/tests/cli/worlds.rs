@@ -93,26 +93,31 @@ fn a_manifest_of_another_version() {
     let folder = world();
     let path = folder.path().join("world/world.toml");
     let text = std::fs::read_to_string(&path).expect("a manifest");
-    std::fs::write(&path, text.replace("format_version = 1", "format_version = 77")).expect("a scratch folder");
+    std::fs::write(&path, text.replace("format_version = 1", "format_version = 77"))
+        .expect("a scratch folder");
     for command in [&["inspect", "world"][..], &["serve", "world"], &bake("cornell", "world")[..8]] {
-        run(folder.path(), command).fails(WORLD, &["world.toml", "format version 77", "this program reads 1"]);
+        run(folder.path(), command)
+            .fails(WORLD, &["world.toml", "format version 77", "this program reads 1"]);
     }
 }
 
 #[test]
 fn a_foreign_file() {
-    let glb = |tile: &mut Vec<u8>| *tile = b"glTF\x02\0\0\0 and so on".to_vec();
+    let glb = |tile: &mut Vec<u8>| *tile = b"glTF\x02\0\0\0 and so on ".repeat(20);
     assert_damage_is_found(glb, &["is not a tile"]);
     // A sound tile of another world.
     let other = tempfile::tempdir().expect("a scratch folder");
-    let arguments = ["bake", "cornell", "world", "--voxel", "0.5", "--rays", "33", "--chunk-voxels", "4", "-q"];
+    let arguments =
+        ["bake", "cornell", "world", "--voxel", "0.5", "--rays", "33", "--chunk-voxels", "4", "-q"];
     run(other.path(), &arguments).succeeds();
     let foreign = std::fs::read(&tiles(other.path()).0[0]).expect("a tile");
     assert_damage_is_found(|tile| tile.clone_from(&foreign), &["does not belong here", "world hash"]);
     // A manifest of something else.
     let folder = world();
-    std::fs::write(folder.path().join("world/world.toml"), "[package]\nname = \"cargo\"\n").expect("a manifest");
-    run(folder.path(), &["inspect", "world"]).fails(WORLD, &["world.toml", "format_version", "bake the world again"]);
+    std::fs::write(folder.path().join("world/world.toml"), "[package]\nname = \"cargo\"\n")
+        .expect("a manifest");
+    run(folder.path(), &["inspect", "world"])
+        .fails(WORLD, &["world.toml", "format_version", "bake the world again"]);
 }
 
 #[test]
