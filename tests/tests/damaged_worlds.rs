@@ -25,6 +25,7 @@ fn every_flipped_byte_of_a_manifest_is_an_error_or_a_world() {
     let world = corridor(8.0, 16);
     let path = world.path().join(Manifest::FILE_NAME);
     let good = std::fs::read(&path).expect("a manifest");
+    let sound = Manifest::load(world.path()).expect("a manifest");
     let (mut refused, mut refused_later, mut accepted) = (0, 0, 0);
     for place in 0..good.len() {
         let mut bytes = good.clone();
@@ -39,11 +40,15 @@ fn every_flipped_byte_of_a_manifest_is_an_error_or_a_world() {
             }
         };
         let index = store.manifest().index();
-        let tiles = index.chunks.iter().filter(|chunk| store.load(chunk.id).is_err()).count();
+        // The same tiles are asked for the same: no need to read them again.
+        let is_same =
+            (&store.manifest().chunks, store.manifest().world_hash) == (&sound.chunks, sound.world_hash);
+        let tiles = if is_same { &[] } else { &index.chunks[..] };
+        let lost = tiles.iter().filter(|chunk| store.load(chunk.id).is_err()).count();
         let backends =
             |slots| Ok(Box::new(CpuBackend::new(slots).expect("a small matrix")) as Box<dyn Backend>);
         let engine = Engine::new(index, earthshine_engine::EngineConfig::default(), Box::new(backends));
-        if tiles > 0 || engine.is_err() {
+        if lost > 0 || engine.is_err() {
             refused_later += 1;
         } else {
             accepted += 1;

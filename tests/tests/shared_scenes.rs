@@ -15,7 +15,7 @@ use std::path::Path;
 
 /// Voxels along the diagonal of a scene that only has to bake.
 const VOXELS_ON_DIAGONAL: f32 = 40.0;
-/// Above it the search for buried points is left out: it takes minutes, and has its own tests.
+/// Above it the search for buried points is left out: it would take longer than all the rest, and has its own tests.
 const TRIANGLES_SEARCHED_MAX: usize = 200_000;
 /// These two have tests of their own below.
 const COMPARED: [&str; 2] = ["cornell", "sponza"];
