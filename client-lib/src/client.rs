@@ -68,7 +68,7 @@ impl Client {
         Ok(update.sequence)
     }
 
-    /// Replaces all lights of the world for this session. Does not wait.
+    /// Replaces all lights of the world for the session. Does not wait.
     ///
     /// # Errors
     /// [`ClientError::Invalid`] for too many lights; whatever ended the session. Lights that the server cannot

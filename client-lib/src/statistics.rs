@@ -42,13 +42,13 @@ pub struct Statistics {
 /// How the server fares, in its own words; the wire's schema has the meaning of each.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct ServerStatistics {
-    /// Frames published for this session.
+    /// Frames published for the session.
     pub frames_published: u64,
     /// Frames this client was too slow for.
     pub frames_skipped: u64,
     /// Duration of the last tick, ms.
     pub tick_ms: f32,
-    /// Patches in this session's local matrix.
+    /// Patches in the session's local matrix.
     pub resident_patches: u32,
     /// Patches that fit in it.
     pub capacity_patches: u32,

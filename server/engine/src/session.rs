@@ -124,7 +124,7 @@ impl Session {
         self.local.is_some() && !self.plan.is_empty()
     }
 
-    /// How direct light on this session's slots is computed now.
+    /// How direct light on the session's slots is computed now.
     pub(crate) fn relight<'a>(&'a self, table: &'a ChunkTable, tick: u64) -> Relight<'a> {
         Relight::new(&table.casters, &self.rig.lights, self.lights_generation, tick)
     }

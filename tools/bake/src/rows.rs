@@ -19,7 +19,7 @@ pub struct RawRow {
     pub absorbed: f32,
 }
 
-/// Shares of the rays that tell where they begin: just off the surface, as a share of a voxel's edge.
+/// How far off its surface a ray begins, as a share of a voxel's edge.
 pub const RAY_OFFSET: f32 = 1e-4;
 
 /// Traces the row of patch `index`.

@@ -1,11 +1,11 @@
 //! `earthshine demo`: generates a town, bakes it, serves it, flies a camera under a moving sun, and draws what came.
 
-use crate::output::out;
 mod page;
 
 use crate::fly::{print_report, sun_path};
 use crate::lights_wire;
 use crate::machine;
+use crate::output::out;
 use crate::progress_bars::BakeBars;
 use crate::scene_source::{self, SceneSource};
 use crate::view::{Comparison, ViewArguments};
