@@ -30,9 +30,9 @@ pub enum Exposure {
 /// More back faces than this share of its rays make a point suspect.
 const BACK_SHARE: f32 = 0.5;
 /// More surfaces near by than this share of its rays make a point hidden. A corner of two walls stays below.
-const NEAR_SHARE: f32 = 0.62;
+pub const NEAR_SHARE: f32 = 0.62;
 /// What is near: this share of a voxel's edge.
-const NEAR_VOXELS: f32 = 0.25;
+pub const NEAR_VOXELS: f32 = 0.25;
 /// Rays after which a clear case is decided.
 const FIRST_RAYS: u32 = 8;
 /// Paths, and segments of each, that look for light from a suspect point.

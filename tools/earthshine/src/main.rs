@@ -7,8 +7,10 @@
 
 mod bake;
 mod bench;
+mod causes;
 mod compare;
 mod demo;
+mod error_view;
 mod exit_code;
 mod fly;
 mod generate;

@@ -82,6 +82,21 @@ impl QualityArguments {
         }
     }
 
+    /// The same with another voxel edge, m.
+    pub(crate) fn with_voxel(self, voxel_edge_m: f32) -> Self {
+        Self { voxel: Some(voxel_edge_m), ..self }
+    }
+
+    /// The same with another number of rays a patch.
+    pub(crate) fn with_rays(self, rays: u32) -> Self {
+        Self { rays, ..self }
+    }
+
+    /// The same with another number of points a voxel face.
+    pub(crate) fn with_samples_per_face(self, samples_per_face: u32) -> Self {
+        Self { samples_per_face, ..self }
+    }
+
     pub(crate) fn metals_black(&self) -> bool {
         self.metals == Metals::Black
     }

@@ -1,5 +1,7 @@
 //! `earthshine render`: pictures by path tracing, and by a world's light beside it.
 
+use crate::error_view::{ErrorView, View};
+use crate::exit_code::WrongUse;
 use crate::output::out;
 use crate::scene_source;
 use crate::view::{Comparison, ViewArguments, write_layers};
@@ -42,6 +44,9 @@ pub(crate) struct RenderArguments {
     /// Also write linear OpenEXR files.
     #[arg(long)]
     exr: bool,
+    /// What to draw of a world: its light; how far it is off, pixel by pixel; or why.
+    #[arg(long = "view", default_value = "light")]
+    shown: View,
     /// Print figures as JSON.
     #[arg(long)]
     json: bool,
@@ -57,6 +62,11 @@ pub(crate) fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let tracer = SceneTracer::new(&source.scene);
     let camera = arguments.view.pinhole(&source.scene.bounds())?;
     let options = PictureOptions { camera, samples: arguments.samples, seed: arguments.seed };
+    if arguments.shown != View::Light && arguments.world.is_none() {
+        return Err(
+            WrongUse("--view error and --view cause need a world to look at: name it with --world").into()
+        );
+    }
     let Some(folder) = &arguments.world else {
         let layers = render(&tracer, &source.lights, &options, LightSource::Reference)?;
         let exposure = arguments.exposure.unwrap_or_else(|| image_file::key_exposure(&layers.full));
@@ -65,7 +75,22 @@ pub(crate) fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
         return Ok(());
     };
     let world = WholeWorld::load(folder)?;
-    let volume = world.volume(&world.solve(&source.lights))?;
+    let light = world.solve(&source.lights);
+    let volume = world.volume(&light)?;
+    if arguments.shown != View::Light {
+        let view = ErrorView {
+            tracer: &tracer,
+            source: &source,
+            world: &world,
+            light: &light,
+            volume: &volume,
+            camera,
+            samples: arguments.samples,
+            seed: arguments.seed,
+            quiet: arguments.json,
+        };
+        return view.write(arguments.shown, &arguments.out, arguments.json);
+    }
     let lookup = |position, normal| volume_light::at(&volume, position, normal);
     let service = PictureOptions { samples: arguments.samples.min(SERVICE_SAMPLES), ..options };
     let mut comparison = Comparison::take(&tracer, &source.lights, &service, arguments.samples, &lookup)?;

@@ -49,6 +49,11 @@ impl WholeWorld {
         Ok(Self { manifest, chunks, rows, occluders })
     }
 
+    /// Every chunk, in the order of [`WholeLight`].
+    pub(crate) fn chunks(&self) -> &[Chunk] {
+        &self.chunks
+    }
+
     /// Solves the light of `rig`, all bounces.
     pub(crate) fn solve(&self, rig: &LightRig) -> WholeLight {
         let direct_exitance = self.direct_exitance(rig);

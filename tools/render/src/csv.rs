@@ -46,6 +46,12 @@ pub enum CsvError {
         /// Its size.
         bytes: u64,
     },
+    /// Nothing but a header.
+    #[error("{}: there are no points in it", path.display())]
+    NoPoints {
+        /// Which file.
+        path: PathBuf,
+    },
     /// Something in the file is wrong.
     #[error("{}, line {line}: {fault}", path.display())]
     Line {
@@ -99,13 +105,24 @@ pub enum LineFault {
 /// # Errors
 /// The file cannot be read, is too large, or a line is not a point.
 pub fn read(path: &Path) -> Result<Vec<ReferencePoint>, CsvError> {
+    parse(&text_of(path)?).map_err(|(line, fault)| CsvError::Line { path: path.into(), line, fault })
+}
+
+/// Reads places (position, unit normal) alone: the first six columns suffice, further ones are ignored.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_places(path: &Path) -> Result<Vec<(Vec3, Vec3)>, CsvError> {
+    parse_places(&text_of(path)?).map_err(|(line, fault)| CsvError::Line { path: path.into(), line, fault })
+}
+
+fn text_of(path: &Path) -> Result<String, CsvError> {
     let io = |source| CsvError::Io { path: path.into(), source };
     let bytes = std::fs::metadata(path).map_err(io)?.len();
     if bytes > FILE_BYTES_MAX {
         return Err(CsvError::TooLarge { path: path.into(), bytes });
     }
-    let text = std::fs::read_to_string(path).map_err(io)?;
-    parse(&text).map_err(|(line, fault)| CsvError::Line { path: path.into(), line, fault })
+    std::fs::read_to_string(path).map_err(io)
 }
 
 /// Writes reference points; the file appears whole or not at all.
@@ -138,18 +155,45 @@ pub fn to_text(points: &[ReferencePoint]) -> String {
 /// # Errors
 /// The first faulty line, counted from one, and its fault.
 pub fn parse(text: &str) -> Result<Vec<ReferencePoint>, (usize, LineFault)> {
-    let mut lines = text.lines().enumerate();
-    let (_, header) = lines.next().ok_or((1, LineFault::NoHeader))?;
-    let places = column_places(header).map_err(|fault| (1, fault))?;
-    lines
-        .filter(|(_, line)| !line.trim().is_empty())
-        .map(|(index, line)| point_of(line, &places).map_err(|fault| (index + 1, fault)))
+    rows::<12>(text)?
+        .into_iter()
+        .map(|(line, values)| {
+            for (&value, column) in values.iter().zip(COLUMNS).skip(6) {
+                if value < 0.0 {
+                    return Err((line, LineFault::Negative { column, value }));
+                }
+            }
+            let (position, normal) = place_of(&values).map_err(|fault| (line, fault))?;
+            let at = |first: usize| Vec3::new(values[first], values[first + 1], values[first + 2]);
+            Ok(ReferencePoint { position, normal, irradiance: at(6), standard_error: at(9) })
+        })
         .collect()
 }
 
-fn column_places(header: &str) -> Result<[usize; 12], LineFault> {
+fn parse_places(text: &str) -> Result<Vec<(Vec3, Vec3)>, (usize, LineFault)> {
+    rows::<6>(text)?
+        .into_iter()
+        .map(|(line, values)| place_of(&values).map_err(|fault| (line, fault)))
+        .collect()
+}
+
+/// The first `N` of [`COLUMNS`] of every line that is not empty, with the line's number.
+fn rows<const N: usize>(text: &str) -> Result<Vec<(usize, [f32; N])>, (usize, LineFault)> {
+    let mut lines = text.lines().enumerate();
+    let (_, header) = lines.next().ok_or((1, LineFault::NoHeader))?;
+    let places = column_places::<N>(header).map_err(|fault| (1, fault))?;
+    lines
+        .filter(|(_, line)| !line.trim().is_empty())
+        .map(|(index, line)| match values_of(line, &places) {
+            Ok(values) => Ok((index + 1, values)),
+            Err(fault) => Err((index + 1, fault)),
+        })
+        .collect()
+}
+
+fn column_places<const N: usize>(header: &str) -> Result<[usize; N], LineFault> {
     let names: Vec<&str> = header.trim_start_matches('\u{feff}').split(',').map(str::trim).collect();
-    let mut places = [0; 12];
+    let mut places = [0; N];
     for (place, column) in places.iter_mut().zip(COLUMNS) {
         let found = names.iter().position(|&name| name == column);
         *place = found.ok_or(LineFault::ColumnMissing(column))?;
@@ -157,9 +201,9 @@ fn column_places(header: &str) -> Result<[usize; 12], LineFault> {
     Ok(places)
 }
 
-fn point_of(line: &str, places: &[usize; 12]) -> Result<ReferencePoint, LineFault> {
+fn values_of<const N: usize>(line: &str, places: &[usize; N]) -> Result<[f32; N], LineFault> {
     let fields: Vec<&str> = line.split(',').map(str::trim).collect();
-    let mut values = [0.0f32; 12];
+    let mut values = [0.0f32; N];
     for ((value, &place), column) in values.iter_mut().zip(places).zip(COLUMNS) {
         let text = *fields.get(place).ok_or(LineFault::ValueMissing(column))?;
         *value = match text.parse::<f32>() {
@@ -167,17 +211,17 @@ fn point_of(line: &str, places: &[usize; 12]) -> Result<ReferencePoint, LineFaul
             _ => return Err(LineFault::NotFinite { column, text: text.into() }),
         };
     }
-    for (&value, column) in values.iter().zip(COLUMNS).skip(6) {
-        if value < 0.0 {
-            return Err(LineFault::Negative { column, value });
-        }
-    }
-    let at = |first: usize| Vec3::new(values[first], values[first + 1], values[first + 2]);
-    let length = at(3).length();
+    Ok(values)
+}
+
+/// Position and normal, the first six values.
+fn place_of(values: &[f32]) -> Result<(Vec3, Vec3), LineFault> {
+    let normal = Vec3::from_slice(&values[3..6]);
+    let length = normal.length();
     if (length - 1.0).abs() > NORMAL_TOLERANCE {
         return Err(LineFault::NormalNotUnit { length });
     }
-    Ok(ReferencePoint { position: at(0), normal: at(3) / length, irradiance: at(6), standard_error: at(9) })
+    Ok((Vec3::from_slice(values), normal / length))
 }
 
 #[cfg(test)]
@@ -228,6 +272,15 @@ mod tests {
         assert_eq!(second("0,,0,0,1,0,1,1,1,0,0,0"), not_finite("y", ""));
         assert_eq!(second("0,0,0,0,1,0,1,1,-1,0,0,0"), (3, LineFault::Negative { column: "b", value: -1.0 }));
         assert_eq!(second("0,0,0,0,2,0,1,1,1,0,0,0"), (3, LineFault::NormalNotUnit { length: 2.0 }));
+    }
+
+    #[test]
+    fn places_need_no_light() {
+        let text = "x,y,z,nx,ny,nz,r\n1,2,3,0,1,0,NaN\n";
+        assert_eq!(parse_places(text).unwrap(), [(Vec3::new(1.0, 2.0, 3.0), Vec3::Y)]);
+        let fault = parse_places("x,y,z,nx,ny,nz\n0,0,0,0,0,3\n").unwrap_err();
+        assert_eq!(fault, (2, LineFault::NormalNotUnit { length: 3.0 }));
+        assert_eq!(parse_places("x,y,z\n").unwrap_err(), (1, LineFault::ColumnMissing("nx")));
     }
 
     #[test]

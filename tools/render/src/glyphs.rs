@@ -66,6 +66,11 @@ const GLYPHS: [(char, [u8; ROWS as usize]); 46] = [
 /// Draws `text` in capitals with its line's upper left corner at `(x, y)`; what lies outside is cut off.
 /// Characters without a glyph are left blank.
 pub(crate) fn draw(image: &mut RgbImage, x: u32, y: u32, text: &str) {
+    draw_in(image, x, y, text, INK);
+}
+
+/// As [`draw`], in a colour of one's choice.
+pub(crate) fn draw_in(image: &mut RgbImage, x: u32, y: u32, text: &str, ink: image::Rgb<u8>) {
     for (index, letter) in (0u32..).zip(text.chars()) {
         let left = x + index * ADVANCE_PIXELS;
         let Some((_, rows)) = GLYPHS.iter().find(|(glyph, _)| *glyph == letter.to_ascii_uppercase()) else {
@@ -73,16 +78,16 @@ pub(crate) fn draw(image: &mut RgbImage, x: u32, y: u32, text: &str) {
         };
         for (row, bits) in (0u32..).zip(rows) {
             for column in (0..COLUMNS).filter(|column| bits >> (COLUMNS - 1 - column) & 1 == 1) {
-                dot(image, left + column * DOT_PIXELS, y + (row + 1) * DOT_PIXELS);
+                dot(image, left + column * DOT_PIXELS, y + (row + 1) * DOT_PIXELS, ink);
             }
         }
     }
 }
 
-fn dot(image: &mut RgbImage, x: u32, y: u32) {
+fn dot(image: &mut RgbImage, x: u32, y: u32, ink: image::Rgb<u8>) {
     for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
         if let Some(pixel) = image.get_pixel_mut_checked(x + dx, y + dy) {
-            *pixel = INK;
+            *pixel = ink;
         }
     }
 }

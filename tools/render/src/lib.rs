@@ -12,16 +12,21 @@
 //! | [`path`] | one random path: its light at a point |
 //! | [`sampling`] | random streams and directions |
 //! | [`reference`](mod@reference) | many paths: mean, standard error, when to stop |
+//! | [`chart`] | figures against each other, as SVG and PNG |
 //! | [`csv`] | reference light on disk |
+//! | [`agreement`](mod@agreement) | whether two estimates agree within their noise |
 //! | [`compare_points`](mod@compare_points) | errors of light at points |
 //! | [`camera`] | a pinhole |
 //! | [`picture`] | layers of a picture: direct, indirect, full |
 //! | [`image_file`] | exposure, PNG, EXR |
 //! | [`difference`] | false colours for differences |
+//! | [`legend`] | what colours mean, below a picture |
 //! | [`sheet`] | labelled pictures side by side |
 //! | [`metrics`] | RMSE, PSNR, SSIM, FLIP |
 
+pub mod agreement;
 pub mod camera;
+pub mod chart;
 #[cfg(test)]
 mod closed_forms;
 pub mod compare_points;
@@ -30,6 +35,7 @@ pub mod difference;
 pub mod emitters;
 mod glyphs;
 pub mod image_file;
+pub mod legend;
 pub mod metrics;
 pub mod path;
 pub mod picture;

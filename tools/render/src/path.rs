@@ -152,7 +152,8 @@ impl PathTracer<'_> {
     }
 
     /// What sun and lamps bring to `vertex` directly, lx.
-    pub(crate) fn lamp_irradiance(&self, vertex: &Vertex, stream: &mut PathStream, rays: &mut u64) -> Rgb {
+    #[must_use]
+    pub fn lamp_irradiance(&self, vertex: &Vertex, stream: &mut PathStream, rays: &mut u64) -> Rgb {
         let lights = &self.rig.lights;
         if lights.is_empty() {
             return Rgb::ZERO;

@@ -4,6 +4,8 @@ use earthshine_world::Vec3;
 use earthshine_world::random::{Purpose, hash, unit_pair};
 use std::f32::consts::TAU;
 
+pub use earthshine_trace::hemisphere::spread_pair;
+
 /// Numbers in `[0, 1)`, two at a time: hashes of (seed, path, how many were taken).
 #[derive(Debug, Clone)]
 pub struct PathStream {

@@ -6,6 +6,7 @@ use crate::output::out;
 mod accuracy;
 mod bake;
 mod matrix;
+mod reference;
 mod tiles;
 
 use crate::machine::Machine;
@@ -31,6 +32,8 @@ pub(crate) struct BenchArguments {
 enum Suite {
     /// Light at points against a reference.
     Accuracy(accuracy::AccuracyArguments),
+    /// Our path tracer against another renderer's light at points.
+    Reference(reference::ReferenceArguments),
     /// Add and remove against a fresh solve; the time they take.
     Matrix(matrix::MatrixArguments),
     /// Size and speed of a world's tiles.
@@ -95,6 +98,7 @@ impl<F: Serialize> Report<F> {
 pub(crate) fn run(arguments: &BenchArguments) -> anyhow::Result<()> {
     match &arguments.suite {
         Suite::Accuracy(suite) => accuracy::run(suite, arguments.json),
+        Suite::Reference(suite) => reference::run(suite, arguments.json),
         Suite::Matrix(suite) => matrix::run(suite, arguments.json),
         Suite::Tiles(suite) => tiles::run(suite, arguments.json),
         Suite::Bake(suite) => bake::run(suite, arguments.json),

@@ -1,0 +1,88 @@
+//! A world with its light, baked for the occasion or read from a folder.
+
+use crate::progress_bars::BakeBars;
+use crate::quality::QualityArguments;
+use crate::scene_source::SceneSource;
+use crate::whole_world::{WholeLight, WholeWorld};
+use anyhow::{Context as _, ensure};
+use earthshine_bake::{BakeOptions, identity};
+use earthshine_tiles::RowCodec;
+use earthshine_volume::Volume;
+use std::path::Path;
+use std::time::Instant;
+
+/// A solved world.
+pub(super) struct Measured {
+    pub(super) world: WholeWorld,
+    pub(super) light: WholeLight,
+    pub(super) volume: Volume,
+    pub(super) patches: u64,
+    pub(super) world_bytes: u64,
+    /// Absent for a world that was there.
+    pub(super) bake_seconds: Option<f64>,
+    pub(super) solve_seconds: f64,
+    pub(super) absorbed_share_mean: f64,
+}
+
+impl Measured {
+    fn solve(world: WholeWorld, source: &SceneSource, bake_seconds: Option<f64>) -> anyhow::Result<Self> {
+        let solving = Instant::now();
+        let light = world.solve(&source.lights);
+        let volume = world.volume(&light)?;
+        let solve_seconds = solving.elapsed().as_secs_f64();
+        let chunks = &world.manifest.chunks;
+        let patches: u64 = chunks.iter().map(|chunk| u64::from(chunk.patch_count)).sum();
+        let world_bytes = chunks.iter().map(|chunk| chunk.tile_bytes).sum();
+        let absorbed: f64 = world
+            .chunks()
+            .iter()
+            .flat_map(|chunk| &chunk.rows.absorbed_shares)
+            .map(|&share| f64::from(share))
+            .sum();
+        let absorbed_share_mean = absorbed / patches.max(1) as f64;
+        Ok(Self {
+            world,
+            light,
+            volume,
+            patches,
+            world_bytes,
+            bake_seconds,
+            solve_seconds,
+            absorbed_share_mean,
+        })
+    }
+}
+
+/// Bakes into a scratch folder, loads and solves.
+pub(super) fn baked(
+    source: &SceneSource,
+    quality: &QualityArguments,
+    quiet: bool,
+) -> anyhow::Result<Measured> {
+    let folder = tempfile::tempdir().context("a scratch folder for the world")?;
+    let options = BakeOptions {
+        parameters: quality.parameters(source),
+        codec: RowCodec::Half,
+        scene_name: source.name.clone(),
+        lights: source.lights.clone(),
+        overwrite: false,
+    };
+    let bars = BakeBars::new(quiet);
+    let summary = earthshine_bake::bake(&source.scene, folder.path(), &options, &bars)?;
+    bars.finish();
+    Measured::solve(WholeWorld::load(folder.path())?, source, Some(summary.seconds))
+}
+
+/// Loads a world that was baked from `source`, and solves it under the source's lights.
+pub(super) fn loaded(source: &SceneSource, folder: &Path) -> anyhow::Result<Measured> {
+    let world = WholeWorld::load(folder)?;
+    let expected = identity::world_hash(&source.scene, &world.manifest.parameters);
+    ensure!(
+        expected == world.manifest.world_hash,
+        "{}: baked from {}, not from {} as it is now (or by another version): bake it again",
+        folder.display(),
+        world.manifest.scene,
+        source.name
+    );
+    Measured::solve(world, source, None)
+}

@@ -1,0 +1,335 @@
+//! One point's error, stage by stage.
+
+use super::Cause;
+use super::contributions::Contributions;
+use super::gather::{PatchGather, PlaceGather};
+use super::reads::{Read, Unlit};
+use super::scene_light::SceneLight;
+use crate::whole_world::{WholeLight, WholeWorld};
+use anyhow::ensure;
+use earthshine_bake::sample::voxel_of;
+use earthshine_render::SceneTracer;
+use earthshine_render::csv::ReferencePoint;
+use earthshine_volume::Volume;
+use earthshine_world::{Direction, Grid, LightRig, SamplePoint, Vec3, VoxelCoord};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Patches below this share of a voxel's face are small.
+const SMALL_AREA_SHARE: f32 = 0.02;
+/// Points whose normal is further than this cosine from the asked one face elsewhere.
+const ALIKE_COSINE: f32 = 0.9;
+/// Deviations up to this many standard deviations are noise.
+const NOISE_DEVIATIONS: f64 = 2.0;
+/// Rays of a gather at a patch, at least: rows of few rays are held against better ones.
+const PATCH_RAYS_MIN: u32 = 256;
+/// Points are lifted this share of a voxel, at most, to ask whether one sees another: low bumps are no walls.
+const LIFT_VOXELS: f32 = 0.25;
+
+/// How well to look.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct ExplainOptions {
+    /// Rays of each of four gathers at a point.
+    pub point_rays: u32,
+    /// Rays of each of four gathers at a patch, at most; else as many as its row had.
+    pub patch_rays_max: u32,
+}
+
+impl Default for ExplainOptions {
+    fn default() -> Self {
+        Self { point_rays: 512, patch_rays_max: 2048 }
+    }
+}
+
+/// A point with its error and what it is made of. Light is the mean of the channels, lx.
+#[derive(Debug, Clone)]
+pub(crate) struct Explained {
+    /// Place in the list of points.
+    pub index: usize,
+    pub position: Vec3,
+    pub normal: Vec3,
+    /// The voxel it lies in.
+    pub voxel: VoxelCoord,
+    pub reference: f64,
+    pub reference_noise: f64,
+    pub served: f64,
+    pub parts: Contributions,
+    pub evidence: Evidence,
+}
+
+/// What the causes rest on.
+#[derive(Debug, Clone, Copy, Default, serde::Serialize)]
+pub(crate) struct Evidence {
+    /// Patches read.
+    pub reads: usize,
+    /// Share of what is read that lies behind a wall.
+    pub behind_wall_share: f64,
+    /// Mean light there, lx.
+    pub behind_wall_light: f64,
+    /// Share of what is read that lies in crevices or inside of something.
+    pub hidden_share: f64,
+    /// Share of what is read that faces elsewhere.
+    pub turned_share: f64,
+    /// Smallest and largest light of what is read in plain sight, lx.
+    pub plain_light_range: [f64; 2],
+    /// Weight that directions give to others.
+    pub fallback_share: f64,
+    /// Weight of patches of tiny area.
+    pub small_share: f64,
+    /// Light that rays from the point bring, lx.
+    pub gathered: f64,
+    /// Standard deviation of the rows read, lx.
+    pub row_noise: f64,
+    /// Share of rays that end on surfaces without patches.
+    pub no_patch_share: f64,
+}
+
+impl Explained {
+    /// Served minus reference, lx.
+    pub(crate) fn error(&self) -> f64 {
+        self.served - self.reference
+    }
+
+    /// What explains most of it.
+    pub(crate) fn cause(&self) -> Cause {
+        self.parts.main_cause(self.error())
+    }
+}
+
+/// Explains errors of one world under one light.
+pub(crate) struct Explainer<'a> {
+    scene: SceneLight<'a>,
+    volume: &'a Volume,
+    options: ExplainOptions,
+}
+
+type PatchKey = ([i32; 3], usize);
+
+impl<'a> Explainer<'a> {
+    /// `volume` is the light that was served, made of `light`.
+    pub(crate) fn new(
+        world: &'a WholeWorld,
+        light: &'a WholeLight,
+        volume: &'a Volume,
+        tracer: &'a SceneTracer<'a>,
+        rig: &'a LightRig,
+        options: ExplainOptions,
+    ) -> Self {
+        Self { scene: SceneLight::new(world, light, tracer, rig), volume, options }
+    }
+
+    /// Explains every point that has light. `finished` is called once a point, from any thread.
+    ///
+    /// # Errors
+    /// The lookup is not the weighted mean of nearby patches that this diagnosis takes it for.
+    pub(crate) fn explain(
+        &self,
+        points: &[ReferencePoint],
+        finished: &(dyn Fn() + Sync),
+    ) -> anyhow::Result<Vec<Explained>> {
+        let unlit = Unlit::new(self.volume);
+        let reads: Vec<Option<Vec<Read>>> = points
+            .par_iter()
+            .map_init(|| unlit.clone(), |unlit, point| unlit.reads(point.position, point.normal))
+            .collect();
+        let mut asked: Vec<PatchKey> =
+            reads.iter().flatten().flatten().map(|read| (read.voxel.to_array(), read.direction)).collect();
+        asked.sort_unstable();
+        asked.dedup();
+        let gathers: BTreeMap<PatchKey, PatchGather> =
+            asked.into_par_iter().map(|key| (key, self.gather(key))).collect();
+        let explained: Vec<Option<Explained>> = points
+            .par_iter()
+            .zip(&reads)
+            .enumerate()
+            .with_max_len(1)
+            .map(|(index, (point, reads))| {
+                let found = reads.as_ref().map(|reads| self.point(index, point, reads, &gathers)).transpose();
+                finished();
+                found
+            })
+            .collect::<anyhow::Result<_>>()?;
+        Ok(explained.into_iter().flatten().collect())
+    }
+
+    fn gather(&self, (voxel, direction): PatchKey) -> PatchGather {
+        let voxel = VoxelCoord::from(voxel);
+        let rays = self
+            .scene
+            .parameters
+            .rays_per_patch
+            .clamp(PATCH_RAYS_MIN.min(self.options.patch_rays_max), self.options.patch_rays_max);
+        if let Some(lit) = self.scene.patch(voxel, direction) {
+            return self.scene.gather_patch(lit.points, rays);
+        }
+        // Light without a patch is a receiver's: it stands at the centre of its voxel.
+        let edge = self.scene.voxel_edge_m();
+        let centre = Grid { voxel_edge_m: edge, chunk_edge_voxels: 1 }.voxel_centre(voxel);
+        let normal = Direction::ALL[direction].vector();
+        self.scene.gather_patch(&[SamplePoint { position: centre, normal }], rays)
+    }
+
+    fn point(
+        &self,
+        index: usize,
+        point: &ReferencePoint,
+        reads: &[Read],
+        gathers: &BTreeMap<PatchKey, PatchGather>,
+    ) -> anyhow::Result<Explained> {
+        let mean = |light: Vec3| f64::from(light.element_sum()) / 3.0;
+        let solved = |read: &Read| {
+            let light = self.volume.at(read.voxel).map(|light| light.irradiance[read.direction]);
+            mean(light.unwrap_or(Vec3::ZERO))
+        };
+        let served = crate::volume_light::at(self.volume, point.position, point.normal).map_or(0.0, mean);
+        let summed: f64 = reads.iter().map(|read| f64::from(read.weight) * solved(read)).sum();
+        ensure!(
+            (summed - served).abs() <= 1e-3 * served.abs().max(1e-6),
+            "point {index}: the lookup answers {served} lx where its patches give {summed} lx; the causes of errors \
+             are only known for a lookup that is a weighted mean of patches within two voxels"
+        );
+        let seen = self.scene.gather_place(point.position, point.normal, self.options.point_rays);
+        let mut sum = PointSum::new(self, point, seen.light);
+        for read in reads {
+            let key = (read.voxel.to_array(), read.direction);
+            let fallback = fallback_share(reads, read.direction, point.normal);
+            if let Some(gather) = gathers.get(&key) {
+                sum.add(read, solved(read), gather, fallback);
+            }
+        }
+        let reference = mean(point.irradiance);
+        let reference_noise = mean(point.standard_error);
+        let (parts, evidence) = sum.finish(&seen, reference, reference_noise);
+        let voxel = voxel_of(point.position, point.normal, self.scene.voxel_edge_m());
+        let (position, normal) = (point.position, point.normal);
+        Ok(Explained { index, position, normal, voxel, reference, reference_noise, served, parts, evidence })
+    }
+}
+
+/// Which share of the weight of `direction` others left to it: by the rule it has `n_a^2`.
+fn fallback_share(reads: &[Read], direction: usize, normal: Vec3) -> f64 {
+    let weight: f32 = reads.iter().filter(|read| read.direction == direction).map(|read| read.weight).sum();
+    let axis = normal[direction / 2];
+    let faces = usize::from(axis < 0.0) == direction % 2;
+    let due = if faces { axis * axis } else { 0.0 };
+    // Rounding is no fallback.
+    let excess = f64::from((weight - due) / weight.max(f32::MIN_POSITIVE));
+    if excess > 1e-3 { excess } else { 0.0 }
+}
+
+/// Parts of one point's error as its reads are gone through.
+struct PointSum<'e> {
+    scene: &'e SceneLight<'e>,
+    normal: Vec3,
+    /// Just off the surface, and lifted.
+    eyes: [Vec3; 2],
+    gathered: f64,
+    parts: Contributions,
+    evidence: Evidence,
+    row_error: f64,
+    row_variance: f64,
+    behind_light: f64,
+}
+
+impl<'e> PointSum<'e> {
+    fn new(explainer: &'e Explainer<'e>, point: &ReferencePoint, gathered: f64) -> Self {
+        let scene = &explainer.scene;
+        Self {
+            scene,
+            normal: point.normal,
+            eyes: eyes(scene, point.position, point.normal),
+            gathered,
+            parts: Contributions::default(),
+            evidence: Evidence { gathered, plain_light_range: [f64::INFINITY, 0.0], ..Evidence::default() },
+            row_error: 0.0,
+            row_variance: 0.0,
+            behind_light: 0.0,
+        }
+    }
+
+    fn add(&mut self, read: &Read, solved: f64, gather: &PatchGather, fallback: f64) {
+        let weight = f64::from(read.weight);
+        let edge = self.scene.voxel_edge_m();
+        let patch = self.scene.patch(read.voxel, read.direction);
+        let is_small = patch.is_some_and(|lit| lit.patch.area < SMALL_AREA_SHARE * edge * edge);
+        self.evidence.reads += 1;
+        self.evidence.fallback_share += weight * fallback;
+        let row_error = weight * (solved - gather.light);
+        if is_small {
+            self.evidence.small_share += weight;
+            self.parts.add(Cause::SmallPatch, row_error);
+        } else {
+            self.row_error += row_error;
+            self.row_variance += (weight * gather.row_noise).powi(2);
+        }
+        let weight_a_point = weight / gather.points.len().max(1) as f64;
+        for point in &gather.points {
+            let difference = weight_a_point * (point.light - self.gathered);
+            self.parts.add(Cause::LookupFallback, difference * fallback);
+            let cause = if is_small { Cause::SmallPatch } else { self.why(&point.point, point.is_hidden) };
+            self.parts.add(cause, difference * (1.0 - fallback));
+            let evidence = &mut self.evidence;
+            match cause {
+                Cause::ThinWall => {
+                    evidence.behind_wall_share += weight_a_point;
+                    self.behind_light += weight_a_point * point.light;
+                }
+                Cause::HiddenPoints => evidence.hidden_share += weight_a_point,
+                Cause::MixedNormals => evidence.turned_share += weight_a_point,
+                _ => {
+                    let [low, high] = evidence.plain_light_range;
+                    evidence.plain_light_range = [low.min(point.light), high.max(point.light)];
+                }
+            }
+        }
+    }
+
+    /// Why light at `other` may differ.
+    fn why(&self, other: &SamplePoint, is_hidden: bool) -> Cause {
+        let others = eyes(self.scene, other.position, other.normal);
+        let sees = |from: Vec3| others.iter().any(|&to| self.scene.sees(from, to));
+        if is_hidden {
+            Cause::HiddenPoints
+        } else if !self.eyes.iter().any(|&eye| sees(eye)) {
+            Cause::ThinWall
+        } else if other.normal.dot(self.normal) < ALIKE_COSINE {
+            Cause::MixedNormals
+        } else {
+            Cause::VoxelDetail
+        }
+    }
+
+    fn finish(
+        mut self,
+        seen: &PlaceGather,
+        reference: f64,
+        reference_noise: f64,
+    ) -> (Contributions, Evidence) {
+        let row_noise = self.row_variance.sqrt();
+        let parts = &mut self.parts;
+        parts.add_within(Cause::TooFewRays, Cause::RowBalance, self.row_error, NOISE_DEVIATIONS * row_noise);
+        parts.add(Cause::EmitterEdge, seen.emission_excess);
+        parts.add(Cause::LampEdge, seen.lamp_excess);
+        parts.add(Cause::ReflectanceMix, seen.reflectance_excess);
+        parts.add(Cause::NoPatchSeen, -seen.unseen);
+        let excess = seen.emission_excess + seen.lamp_excess + seen.reflectance_excess - seen.unseen;
+        let rest = seen.light - excess - reference;
+        let noise = NOISE_DEVIATIONS * seen.noise.hypot(reference_noise);
+        parts.add_within(Cause::Noise, Cause::FarLight, rest, noise);
+        self.evidence.row_noise = row_noise;
+        self.evidence.no_patch_share = seen.unseen_share;
+        self.evidence.behind_wall_light =
+            self.behind_light / self.evidence.behind_wall_share.max(f64::MIN_POSITIVE);
+        if self.evidence.plain_light_range[0] > self.evidence.plain_light_range[1] {
+            self.evidence.plain_light_range = [0.0; 2];
+        }
+        (self.parts, self.evidence)
+    }
+}
+
+/// Two places from which a surface point looks: low, and lifted as far as there is room.
+fn eyes(scene: &SceneLight<'_>, position: Vec3, normal: Vec3) -> [Vec3; 2] {
+    let lift = LIFT_VOXELS * scene.voxel_edge_m();
+    let low = position + normal * scene.headroom(position, normal, 0.04 * lift);
+    [low, position + normal * scene.headroom(position, normal, lift)]
+}

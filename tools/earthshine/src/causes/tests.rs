@@ -1,0 +1,185 @@
+//! Closed scenes whose errors have a known cause.
+
+use super::{Cause, ExplainOptions, Explained, Explainer, rank};
+use crate::volume_light;
+use crate::whole_world::WholeWorld;
+use earthshine_bake::{BakeOptions, Silent};
+use earthshine_render::csv::ReferencePoint;
+use earthshine_render::{ReferenceOptions, SceneTracer, irradiance_at_points};
+use earthshine_scene::{Material, Scene};
+use earthshine_tiles::{BakeParameters, RowCodec};
+use earthshine_world::random::{Purpose, hash, unit_pair};
+use earthshine_world::{Grid, LightRig, Rgb, Vec3};
+
+fn material(reflectance: f32, radiance: f32) -> Material {
+    Material {
+        name: "test".to_owned(),
+        base_colour: [reflectance, reflectance, reflectance, 1.0],
+        base_colour_texture: None,
+        emitted_radiance: Rgb::splat(radiance),
+        emissive_texture: None,
+        alpha_cutoff: None,
+        double_sided: false,
+        metallic: 0.0,
+    }
+}
+
+/// Adds a parallelogram; its front is where `side x up` points.
+fn quad(scene: &mut Scene, corner: Vec3, side: Vec3, up: Vec3, paint: Material) {
+    let corners = [corner, corner + side, corner + side + up, corner + up];
+    scene.materials.push(paint);
+    for [a, b, c] in [[0, 1, 2], [0, 2, 3]] {
+        scene.triangles.push([corners[a], corners[b], corners[c]]);
+        scene.texture_coordinates.push([[0.0; 2]; 3]);
+        scene.material_of.push(scene.materials.len() as u32 - 1);
+    }
+}
+
+/// The inside of a box; `ceiling` emits.
+fn room(scene: &mut Scene, low: Vec3, size: Vec3, radiance: f32) {
+    let (x, y, z) = (Vec3::X * size.x, Vec3::Y * size.y, Vec3::Z * size.z);
+    for (corner, side, up) in [(low, y, z), (low + x, z, y), (low, z, x), (low, x, y), (low + z, y, x)] {
+        quad(scene, corner, side, up, material(0.5, 0.0));
+    }
+    quad(scene, low + y, x, z, material(0.5, radiance));
+}
+
+/// A grid of points on the floor at height `y`, `inset` from the edges of `low..high`.
+fn floor_points([x0, z0]: [f32; 2], [x1, z1]: [f32; 2], y: f32, up: bool) -> Vec<(Vec3, Vec3)> {
+    let normal = if up { Vec3::Y } else { Vec3::NEG_Y };
+    (0..24)
+        .map(|index| {
+            let (u, v) = unit_pair(hash(11, Purpose::MeasurePoint, index, 0));
+            (Vec3::new(x0 + (x1 - x0) * u, y, z0 + (z1 - z0) * v), normal)
+        })
+        .collect()
+}
+
+struct Outcome {
+    explained: Vec<Explained>,
+    /// Served light, as a reference without noise.
+    served: Vec<ReferencePoint>,
+}
+
+fn explained(
+    scene: &Scene,
+    voxel_edge_m: f32,
+    rays: u32,
+    places: &[(Vec3, Vec3)],
+    identical: bool,
+) -> Outcome {
+    let folder = tempfile::tempdir().unwrap();
+    let parameters = BakeParameters {
+        rays_per_patch: rays,
+        grid: Grid { voxel_edge_m, chunk_edge_voxels: 16 },
+        ..BakeParameters::default()
+    };
+    let rig = LightRig::emission_only();
+    let options = BakeOptions {
+        parameters,
+        codec: RowCodec::Raw,
+        scene_name: "test".to_owned(),
+        lights: rig.clone(),
+        overwrite: false,
+    };
+    earthshine_bake::bake(scene, folder.path(), &options, &Silent).unwrap();
+    let world = WholeWorld::load(folder.path()).unwrap();
+    let light = world.solve(&rig);
+    let volume = world.volume(&light).unwrap();
+    let tracer = SceneTracer::new(scene);
+    let exact = ReferenceOptions { samples_max: 8192, target_error_rel: 0.0, ..ReferenceOptions::default() };
+    let traced = irradiance_at_points(&tracer, &rig, places, &exact, &|| ());
+    let point = |(position, normal): (Vec3, Vec3), irradiance: Rgb, standard_error: Rgb| ReferencePoint {
+        position,
+        normal,
+        irradiance,
+        standard_error,
+    };
+    let reference: Vec<_> = places
+        .iter()
+        .zip(&traced)
+        .map(|(&place, found)| point(place, found.irradiance, found.standard_error))
+        .collect();
+    let served: Vec<_> = places
+        .iter()
+        .map(|&place| point(place, volume_light::at(&volume, place.0, place.1).unwrap(), Rgb::ZERO))
+        .collect();
+    let explainer = Explainer::new(&world, &light, &volume, &tracer, &rig, ExplainOptions::default());
+    let explained = explainer.explain(if identical { &served } else { &reference }, &|| ()).unwrap();
+    assert_eq!(explained.len(), places.len());
+    for point in &explained {
+        let sum = point.parts.total();
+        assert!((sum - point.error()).abs() < 1e-4 * point.served.max(point.reference), "{point:?}");
+    }
+    Outcome { explained, served }
+}
+
+fn main_cause(outcome: &Outcome) -> Cause {
+    let ranking = rank(&outcome.explained);
+    let share = ranking.causes[0];
+    assert!(share.squared_error_share > 0.6, "{:?}", ranking.causes);
+    assert!((ranking.causes.iter().map(|c| c.squared_error_share).sum::<f64>() - 1.0).abs() < 1e-9);
+    assert!((ranking.causes.iter().map(|c| c.part_of_squared_error).sum::<f64>() - 1.0).abs() < 1e-3);
+    assert!((ranking.voxels.iter().map(|v| v.squared_error_share).sum::<f64>() - 1.0).abs() < 1e-9);
+    assert!(ranking.points.windows(2).all(|p| p[0].squared_error_share >= p[1].squared_error_share));
+    share.cause
+}
+
+#[test]
+fn a_thin_wall_between_a_lit_and_a_dark_room() {
+    let mut scene = Scene::default();
+    let size = Vec3::new(1.98, 2.0, 2.0);
+    room(&mut scene, Vec3::new(0.0, 0.0, 0.0), size, 100.0);
+    room(&mut scene, Vec3::new(2.02, 0.0, 0.0), size, 1.0);
+    // Within a voxel of the wall, in the dark room.
+    let places = floor_points([2.05, 0.3], [2.3, 1.7], 0.0, true);
+    let outcome = explained(&scene, 0.4, 512, &places, false);
+    assert!(outcome.explained.iter().any(|point| point.served > 2.0 * point.reference), "the wall leaks");
+    assert_eq!(main_cause(&outcome), Cause::ThinWall);
+}
+
+#[test]
+fn rows_of_few_rays() {
+    let mut scene = Scene::default();
+    // Uneven light: one small bright ceiling panel's worth of wall, far from the floor's points.
+    room(&mut scene, Vec3::ZERO, Vec3::splat(4.0), 100.0);
+    let places = floor_points([0.8, 0.8], [3.2, 3.2], 0.0, true);
+    assert_eq!(main_cause(&explained(&scene, 1.0, 8, &places, false)), Cause::TooFewRays);
+}
+
+#[test]
+fn an_emitter_smaller_than_its_voxel() {
+    let mut scene = Scene::default();
+    room(&mut scene, Vec3::ZERO, Vec3::new(4.0, 0.5, 4.0), 0.0);
+    // In the corner of a voxel of 1 m, a little above the floor.
+    quad(&mut scene, Vec3::new(2.02, 0.01, 2.02), Vec3::Z * 0.2, Vec3::X * 0.2, material(0.5, 100.0));
+    let places = floor_points([1.7, 1.7], [2.5, 2.5], 0.5, false);
+    let outcome = explained(&scene, 1.0, 4096, &places, false);
+    let ranking = rank(&outcome.explained);
+    let of = |cause: Cause| ranking.causes.iter().find(|share| share.cause == cause).unwrap();
+    // Light above a small emitter changes within a voxel, and the emitter is smeared: both, and nothing else.
+    let both = of(Cause::EmitterEdge).squared_error_share + of(Cause::VoxelDetail).squared_error_share;
+    assert!(both > 0.8 && of(Cause::EmitterEdge).points > 0, "{:?}", ranking.causes);
+}
+
+#[test]
+fn a_voxel_larger_than_the_detail() {
+    let mut scene = Scene::default();
+    // A glowing wall: light on the floor falls off within the first voxel.
+    room(&mut scene, Vec3::ZERO, Vec3::new(4.0, 2.0, 4.0), 0.0);
+    quad(&mut scene, Vec3::new(0.01, 0.0, 0.0), Vec3::Y * 0.3, Vec3::Z * 4.0, material(0.0, 100.0));
+    let places = floor_points([0.05, 0.5], [1.0, 3.5], 0.0, true);
+    assert_eq!(main_cause(&explained(&scene, 2.0, 4096, &places, false)), Cause::VoxelDetail);
+}
+
+#[test]
+fn a_reference_that_is_the_service_has_no_error() {
+    let mut scene = Scene::default();
+    room(&mut scene, Vec3::ZERO, Vec3::splat(2.0), 10.0);
+    let places = floor_points([0.2, 0.2], [1.8, 1.8], 0.0, true);
+    let outcome = explained(&scene, 0.5, 64, &places, true);
+    let ranking = rank(&outcome.explained);
+    assert!(ranking.causes.iter().all(|cause| cause.points == 0 && cause.squared_error_share == 0.0));
+    assert!(ranking.points.iter().all(|point| point.relative_error == 0.0));
+    assert_eq!(outcome.served.len(), ranking.points.len());
+}
