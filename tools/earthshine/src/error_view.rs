@@ -34,6 +34,8 @@ pub(crate) enum View {
 
 /// Full colour at this relative error, either way.
 const FULL_SCALE_REL: f32 = 0.5;
+/// Differences within so many standard errors of the reference are noise.
+const NOISE_DEVIATIONS: f32 = 2.0;
 const NO_SURFACE: [u8; 3] = [70; 3];
 const NO_LIGHT: [u8; 3] = [255, 0, 255];
 /// Rays of the causes: pixels are many, and their neighbours ask the same patches.
@@ -153,22 +155,23 @@ impl ErrorView<'_> {
         let colours = reference.iter().zip(served).map(|(point, served)| {
             let right = mean(point.irradiance);
             served.map_or(NO_LIGHT, |light| {
-                false_colour((mean(light) - right) / right.max(floor) / FULL_SCALE_REL)
+                let difference = mean(light) - right;
+                let noise = NOISE_DEVIATIONS * mean(point.standard_error);
+                let beyond = (difference * difference - noise * noise).max(0.0).sqrt();
+                false_colour((beyond * difference.signum()) / right.max(floor) / FULL_SCALE_REL)
             })
         });
-        let percent = FULL_SCALE_REL * 100.0;
-        let (low, high) = (format!("-{percent} %: TOO DARK"), format!("TOO BRIGHT: +{percent} %"));
-        let noise = format!(
-            "MEDIAN {:.1} %, RMSE {:.1} %, NOISE OF THE REFERENCE {:.1} %",
-            errors.median_rel * 100.0,
-            errors.rel_rmse * 100.0,
-            errors.reference_noise_rel * 100.0
-        );
+        let percent = |share: f64| format!("{:.1} %", share * 100.0);
+        let [low, high] = ["-", "+"].map(|sign| format!("{sign}{} %", FULL_SCALE_REL * 100.0));
         let lines = [
-            "SERVED IRRADIANCE AGAINST PATH TRACING",
-            "RELATIVE TO THE LATTER OR 1 % OF ITS MEAN",
-            &noise,
-            "GREY: NO SURFACE. PINK: NO LIGHT SERVED",
+            "SERVED AGAINST PATH-TRACED IRRADIANCE: BLUE TOO DARK, RED TOO BRIGHT".to_owned(),
+            "RELATIVE TO THE LATTER, OR TO 1 % OF ITS MEAN WHERE THAT IS MORE".to_owned(),
+            format!(
+                "BLACK UP TO {NOISE_DEVIATIONS} STANDARD ERRORS OF THE REFERENCE, MEDIAN {}",
+                percent(errors.reference_noise_rel)
+            ),
+            format!("MEDIAN ERROR {}, NOISE INCLUDED", percent(errors.median_rel)),
+            "GREY: NO SURFACE. PINK: NO LIGHT SERVED".to_owned(),
         ];
         legend::with_scale(&self.painted(places, colours), false_colour, [&low, "0", &high], &lines)
     }
@@ -235,6 +238,6 @@ fn colour_of(cause: Cause) -> [u8; 3] {
         Cause::ReflectanceMix => [150, 110, 255],
         Cause::NoPatchSeen => [0, 255, 230],
         Cause::FarLight => [180, 180, 180],
-        Cause::Noise => [250, 250, 250],
+        Cause::Noise => [60, 60, 90],
     }
 }

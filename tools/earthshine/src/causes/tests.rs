@@ -77,7 +77,7 @@ fn explained(
     let rig = LightRig::emission_only();
     let options = BakeOptions {
         parameters,
-        codec: RowCodec::Raw,
+        codec: RowCodec::Full,
         scene_name: "test".to_owned(),
         lights: rig.clone(),
         overwrite: false,
@@ -165,9 +165,9 @@ fn an_emitter_smaller_than_its_voxel() {
 #[test]
 fn a_voxel_larger_than_the_detail() {
     let mut scene = Scene::default();
-    // A glowing wall: light on the floor falls off within the first voxel.
+    // A wall that glows all over: light on the floor falls off within the first voxel.
     room(&mut scene, Vec3::ZERO, Vec3::new(4.0, 2.0, 4.0), 0.0);
-    quad(&mut scene, Vec3::new(0.01, 0.0, 0.0), Vec3::Y * 0.3, Vec3::Z * 4.0, material(0.0, 100.0));
+    quad(&mut scene, Vec3::new(0.01, 0.0, 0.0), Vec3::Y * 2.0, Vec3::Z * 4.0, material(0.0, 100.0));
     let places = floor_points([0.05, 0.5], [1.0, 3.5], 0.0, true);
     assert_eq!(main_cause(&explained(&scene, 2.0, 4096, &places, false)), Cause::VoxelDetail);
 }

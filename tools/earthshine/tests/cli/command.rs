@@ -5,6 +5,7 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 /// As documented by `earthshine --help`.
+pub(crate) const OTHER: i32 = 1;
 pub(crate) const USAGE: i32 = 2;
 pub(crate) const INPUT: i32 = 3;
 pub(crate) const WORLD: i32 = 4;

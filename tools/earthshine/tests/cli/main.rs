@@ -4,6 +4,7 @@
 //! should, and check the documented exit code, a message that names file, cause and cure, and that nothing half-written
 //! stays. What a client may do to a server is tested beside the server.
 
+mod accuracy;
 mod command;
 mod disk_full;
 mod glb;

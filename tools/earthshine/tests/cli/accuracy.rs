@@ -1,0 +1,155 @@
+//! `bench accuracy`: reference files that are not, sweeps, worlds, and the causes of errors.
+
+use crate::command::{INPUT, OTHER, Run, USAGE, cornell_world, run};
+use std::fs;
+use std::path::Path;
+
+const HEADER: &str = "x,y,z,nx,ny,nz,r,g,b,sr,sg,sb\n";
+
+fn desk() -> tempfile::TempDir {
+    tempfile::tempdir().expect("a scratch folder")
+}
+
+/// Accuracy of a Cornell box that bakes in a moment.
+fn accuracy(folder: &Path, more: &[&str]) -> Run {
+    let base = ["bench", "accuracy", "--scene", "cornell", "--voxel", "0.5", "--rays", "32", "--json"];
+    run(folder, &[&base[..], more].concat())
+}
+
+/// The reference in `text` is refused in `words`.
+#[track_caller]
+fn refuses(text: &str, words: &[&str]) {
+    let desk = desk();
+    fs::write(desk.path().join("light.csv"), text).expect("a scratch folder");
+    let words = [&["light.csv"][..], words].concat();
+    accuracy(desk.path(), &["--reference", "light.csv"]).fails(INPUT, &words);
+    run(desk.path(), &["bench", "reference", "--scene", "cornell", "--reference", "light.csv"])
+        .fails(INPUT, &words);
+}
+
+#[test]
+fn a_reference_without_a_column() {
+    refuses("x,y,z,nx,ny,nz,r,g,b,sr,sg\n", &["line 1", "no column `sb`"]);
+}
+
+#[test]
+fn a_reference_with_a_line_that_is_no_point() {
+    let good = "0,0.5,0,0,1,0,1,1,1,0,0,0\n";
+    refuses(&format!("{HEADER}{good}0,0.5,0,0,1,0,1,NaN,1,0,0,0\n"), &["line 3", "column `g` is `NaN`"]);
+    refuses(&format!("{HEADER}0,0.5,0,0,2,0,1,1,1,0,0,0\n"), &["line 2", "normal has length 2"]);
+}
+
+#[test]
+fn a_reference_without_points_and_one_that_is_not_there() {
+    refuses(HEADER, &["there are no points"]);
+    let desk = desk();
+    accuracy(desk.path(), &["--reference", "missing.csv"]).fails(INPUT, &["missing.csv"]);
+    accuracy(desk.path(), &["--points", "missing.csv"]).fails(INPUT, &["missing.csv"]);
+    accuracy(desk.path(), &["--point-count", "0"]).fails(USAGE, &["--point-count 0"]);
+}
+
+#[test]
+fn points_outside_the_world_are_uncovered_not_dark() {
+    let desk = desk();
+    let text = format!("{HEADER}0.3,0,0.3,0,1,0,0.4,0.4,0.4,0,0,0\n500,0,0,0,1,0,9,9,9,0,0,0\n");
+    fs::write(desk.path().join("light.csv"), text).expect("a scratch folder");
+    let found = accuracy(desk.path(), &["--reference", "light.csv"]).succeeds().json();
+    assert_eq!((&found["points"], &found["uncovered"]), (&1.into(), &1.into()), "{found}");
+    assert!(found["median_rel"].as_f64().is_some_and(|error| error < 1.0), "{found}");
+    let only = format!("{HEADER}500,0,0,0,1,0,9,9,9,0,0,0\n");
+    fs::write(desk.path().join("light.csv"), only).expect("a scratch folder");
+    accuracy(desk.path(), &["--reference", "light.csv"]).fails(INPUT, &["none of the 1 points"]);
+}
+
+#[test]
+fn our_reference_is_read_back_and_its_points_can_be_chosen() {
+    let desk = desk();
+    let traced = ["--point-count", "20", "--noise", "0.1", "--write-reference", "ours.csv"];
+    let first = accuracy(desk.path(), &traced).succeeds().json();
+    let again = accuracy(desk.path(), &["--reference", "ours.csv"]).succeeds().json();
+    assert_eq!(first["median_rel"], again["median_rel"]);
+    let ours = fs::read_to_string(desk.path().join("ours.csv")).expect("a reference");
+    let places: String = ours
+        .lines()
+        .take(4)
+        .map(|line| line.split(',').take(6).collect::<Vec<_>>().join(",") + "\n")
+        .collect();
+    fs::write(desk.path().join("three.csv"), &places).expect("a scratch folder");
+    let three =
+        accuracy(desk.path(), &["--reference", "ours.csv", "--points", "three.csv"]).succeeds().json();
+    assert_eq!(three["points"], 3);
+    fs::write(desk.path().join("three.csv"), places + "9,9,9,0,1,0\n").expect("a scratch folder");
+    accuracy(desk.path(), &["--reference", "ours.csv", "--points", "three.csv"])
+        .fails(OTHER, &["three.csv in ours.csv", "point 4 at [9, 9, 9]"]);
+}
+
+#[test]
+fn a_world_that_is_there_is_measured_and_another_scenes_is_not() {
+    let desk = desk();
+    cornell_world(desk.path());
+    let measured = ["bench", "accuracy", "--world", "world", "--point-count", "20", "--noise", "0.1"];
+    let with = |more: &[&str]| run(desk.path(), &[&measured[..], more].concat());
+    let report = ["--scene", "cornell", "--report", "causes.json", "--json"];
+    let found = with(&report).succeeds().json();
+    assert!(found["bake_seconds"].is_null() && found["rel_rmse"].as_f64() > Some(0.0), "{found}");
+    let text = fs::read_to_string(desk.path().join("causes.json")).expect("a report");
+    let ranked: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+    assert_eq!(ranked["points"].as_array().map(Vec::len), Some(20));
+    for point in ranked["points"].as_array().expect("points") {
+        let number = |key: &str| point[key].as_f64().expect("a number");
+        let parts = point["parts"].as_object().expect("parts");
+        let sum: f64 = parts.values().filter_map(serde_json::Value::as_f64).sum();
+        let error = number("served") - number("reference");
+        assert!((sum - error).abs() < 1e-3 * number("reference").max(number("served")), "{point}");
+    }
+    let table = with(&["--scene", "cornell", "--report", "causes.csv"]).succeeds().output;
+    assert!(table.contains("median error") && table.contains("causes of error"), "{table}");
+    let lines = |name: &str| fs::read_to_string(desk.path().join(name)).expect("a report").lines().count();
+    assert!(lines("causes.csv") == 21 && lines("causes_voxels.csv") > 2);
+    with(&["--scene", "two-rooms"]).fails(OTHER, &["world: baked from cornell, not from two-rooms"]);
+    with(&["--scene", "cornell", "--report", "causes.txt"]).fails(USAGE, &[".csv or .json"]);
+    with(&["--scene", "cornell", "--voxel", "1"]).fails(USAGE, &[]);
+}
+
+#[test]
+fn a_sweep_writes_a_table_and_charts() {
+    let desk = desk();
+    let sweep = ["--sweep", "voxel=1,0.5", "--sweep-out", "edges", "--point-count", "20", "--noise", "0.1"];
+    let found = accuracy(desk.path(), &sweep).succeeds().json();
+    let patches: Vec<_> = (0..2).map(|index| found["sweep"][index]["patches"].as_u64()).collect();
+    assert!(patches[0].is_some() && patches[0] < patches[1], "{found}");
+    let read = |name: &str| fs::read(desk.path().join(name)).expect("a file of the sweep");
+    assert_eq!(String::from_utf8_lossy(&read("edges.csv")).lines().count(), 3);
+    assert!(read("edges.svg").starts_with(b"<svg") && read("edges.png").starts_with(b"\x89PNG"));
+    accuracy(desk.path(), &["--sweep", "voxel=big"]).fails(USAGE, &[]);
+}
+
+#[test]
+fn our_tracer_agrees_with_itself() {
+    let desk = desk();
+    accuracy(desk.path(), &["--point-count", "20", "--noise", "0.02", "--write-reference", "ours.csv"])
+        .succeeds();
+    let other = ["bench", "reference", "--scene", "cornell", "--reference", "ours.csv", "--noise", "0.02"];
+    let found = run(desk.path(), &[&other[..], &["--seed", "2", "--json"]].concat()).succeeds().json();
+    assert_eq!(found["points"], 20);
+    assert!(found["within_three"].as_f64() >= Some(0.9), "{found}");
+}
+
+#[test]
+fn errors_of_a_view_are_drawn() {
+    let desk = desk();
+    cornell_world(desk.path());
+    let view =
+        ["render", "cornell", "--width", "24", "--height", "16", "--samples", "64", "--out", "pictures"];
+    for shown in ["error", "cause"] {
+        let more = ["--camera", "0,1,3", "--target", "0,1,0", "--world", "world", "--view", shown];
+        run(desk.path(), &[&view[..], &more].concat()).succeeds();
+        let picture =
+            image::open(desk.path().join(format!("pictures/{shown}.png"))).expect("a picture").to_rgb8();
+        assert!(picture.height() > 16, "a legend lies below");
+        let seen: std::collections::BTreeSet<_> =
+            (0..24 * 16).map(|i| picture.get_pixel(i % 24, i / 24).0).collect();
+        assert!(seen.len() > 4, "{shown}: {seen:?}");
+    }
+    run(desk.path(), &[&view[..], &["--view", "error"]].concat()).fails(USAGE, &["--world"]);
+}
