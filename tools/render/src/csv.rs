@@ -177,8 +177,11 @@ fn parse_places(text: &str) -> Result<Vec<(Vec3, Vec3)>, (usize, LineFault)> {
         .collect()
 }
 
+/// A line's number and the first `N` of its [`COLUMNS`].
+type Row<const N: usize> = (usize, [f32; N]);
+
 /// The first `N` of [`COLUMNS`] of every line that is not empty, with the line's number.
-fn rows<const N: usize>(text: &str) -> Result<Vec<(usize, [f32; N])>, (usize, LineFault)> {
+fn rows<const N: usize>(text: &str) -> Result<Vec<Row<N>>, (usize, LineFault)> {
     let mut lines = text.lines().enumerate();
     let (_, header) = lines.next().ok_or((1, LineFault::NoHeader))?;
     let places = column_places::<N>(header).map_err(|fault| (1, fault))?;

@@ -1,6 +1,6 @@
 //! The command as a user meets it: the real program, its exit codes and what it says.
 //!
-//! `main_path` goes all the way from `gen` to `fly`; `scenes`, `worlds`, `service` and `disk_full` hand it what nobody
+//! `main_path` goes all the way from `gen` to `fly`; `accuracy` measures; `scenes`, `worlds`, `service` and `disk_full` hand it what nobody
 //! should, and check the documented exit code, a message that names file, cause and cure, and that nothing half-written
 //! stays. What a client may do to a server is tested beside the server.
 
