@@ -61,7 +61,7 @@ pub(crate) struct AccuracyArguments {
     /// Writes the light at each point beside its reference as CSV.
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Ranks points and voxels by error and names the cause of each: .json, or .csv (points; voxels in NAME_voxels.csv).
+    /// Ranks points and voxels by error and names the cause of each: .json, or .csv (points; voxels go to `NAME_voxels.csv`).
     #[arg(long, conflicts_with = "sweep")]
     report: Option<PathBuf>,
     /// Measures once for each value: voxel=1,0.7,0.5 (m), rays=256,1024 (a patch) or samples=4,16 (a voxel face).

@@ -194,6 +194,7 @@ fn to_csv(steps: &[Figures]) -> String {
 
 /// Error against what is varied, patches, bytes and seconds; what does not change gets no chart.
 fn charts(sweep: &Sweep, steps: &[Figures], scene: &str) -> Vec<Chart> {
+    type Ordinate = (&'static str, fn(&Figures) -> f64);
     type Abscissa<'s> = (&'static str, Box<dyn Fn(usize) -> f64 + 's>);
     let axes: [Abscissa<'_>; 4] = [
         (sweep.varied.label(), Box::new(|index| f64::from(sweep.values[index]))),
@@ -201,7 +202,7 @@ fn charts(sweep: &Sweep, steps: &[Figures], scene: &str) -> Vec<Chart> {
         ("bytes of the world", Box::new(|index| steps[index].world_bytes as f64)),
         ("bake, seconds", Box::new(|index| steps[index].bake_seconds.unwrap_or(0.0))),
     ];
-    let errors: [(&str, fn(&Figures) -> f64); 4] = [
+    let errors: [Ordinate; 4] = [
         ("median", |step| step.errors.median_rel),
         ("p90", |step| step.errors.p90_rel),
         ("RMSE", |step| step.errors.rel_rmse),
