@@ -68,6 +68,15 @@ impl Default for Lights {
 }
 
 impl Lights {
+    /// A sky from `horizon` all around to `zenith` above and `ground` below, for [`Self::sky`]; cd/m2.
+    ///
+    /// At elevation `e` it is `sin^2(e) * zenith + cos^2(e) * horizon`, below the horizon the same with `ground`: the
+    /// blend that lobes hold exactly. A plane that faces up receives `pi / 2 * (zenith + horizon)` lx of it.
+    #[must_use]
+    pub fn gradient_sky(zenith: Vec3, horizon: Vec3, ground: Vec3) -> [Vec3; 6] {
+        [horizon, horizon, zenith, ground, horizon, horizon]
+    }
+
     /// For the wire. Whether the numbers make sense is the server's to judge.
     pub(crate) fn to_wire(&self) -> Result<v1::Lights, ClientError> {
         if self.sources.len() > LIGHTS_MAX {

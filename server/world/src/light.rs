@@ -59,6 +59,32 @@ impl Sky {
         Self { lobes: [radiance; 6] }
     }
 
+    /// From `horizon` all around to `zenith` above and `ground` below, blended by the squared sine of the elevation:
+    /// with `s = d_y`, it is `s^2 * zenith + (1 - s^2) * horizon` above and the same with `ground` below. That blend
+    /// is what the lobes can hold exactly, so nothing is projected.
+    #[must_use]
+    pub fn gradient(zenith: Rgb, horizon: Rgb, ground: Rgb) -> Self {
+        let mut lobes = [horizon; 6];
+        lobes[Direction::PosY.index()] = zenith;
+        lobes[Direction::NegY.index()] = ground;
+        Self { lobes }
+    }
+
+    /// Irradiance of a plane that faces `direction` with nothing in its way, lx.
+    ///
+    /// `integral of d_a^2 (d . b)` over the half space of `b` is `pi / 2` for the lobe faced, zero for the one behind
+    /// and `pi / 8` for each of the four at its sides; they sum to `pi`.
+    #[must_use]
+    pub fn open_irradiance(&self, direction: Direction) -> Rgb {
+        let weight = |lobe: Direction| match lobe {
+            _ if lobe == direction => 0.5,
+            _ if lobe.axis() == direction.axis() => 0.0,
+            _ => 0.125,
+        };
+        let sum: Rgb = Direction::ALL.iter().map(|&lobe| self.lobes[lobe.index()] * weight(lobe)).sum();
+        sum * std::f32::consts::PI
+    }
+
     /// Radiance along unit `direction`, cd/m2.
     #[must_use]
     pub fn radiance(&self, direction: Vec3) -> Rgb {
@@ -178,6 +204,45 @@ mod tests {
         let sky = Sky::constant(Rgb::new(1.0, 2.0, 3.0));
         let direction = Vec3::new(0.3, -0.5, 0.8).normalize_or_zero();
         assert!((sky.radiance(direction) - Rgb::new(1.0, 2.0, 3.0)).length() < 1e-5);
+    }
+
+    #[test]
+    fn a_gradient_is_its_three_colours_and_their_blend() {
+        let (zenith, horizon, ground) = (Rgb::new(1.0, 2.0, 6.0), Rgb::splat(3.0), Rgb::new(0.5, 0.4, 0.3));
+        let sky = Sky::gradient(zenith, horizon, ground);
+        assert_eq!([sky.radiance(Vec3::Y), sky.radiance(Vec3::NEG_Y)], [zenith, ground]);
+        let level = sky.radiance(Vec3::new(0.6, 0.0, -0.8));
+        assert!((level - horizon).length() < 1e-6, "{level}");
+        // 30 degrees up: a quarter of the way by the squared sine.
+        let between = sky.radiance(Vec3::new(0.75f32.sqrt(), 0.5, 0.0));
+        assert!((between - zenith.lerp(horizon, 0.75)).length() < 1e-5, "{between}");
+    }
+
+    /// Midpoints in the cosine to `axis` and the angle around it: every direction of a half space.
+    fn by_quadrature(sky: &Sky, axis: Vec3) -> Rgb {
+        const STEPS: usize = 200;
+        let (side, up) = axis.any_orthonormal_pair();
+        let mut sum = Rgb::ZERO;
+        for i in 0..STEPS {
+            let cosine = (i as f32 + 0.5) / STEPS as f32;
+            for j in 0..STEPS {
+                let (sin, cos) = (std::f32::consts::TAU * (j as f32 + 0.5) / STEPS as f32).sin_cos();
+                let direction = axis * cosine + (side * cos + up * sin) * (1.0 - cosine * cosine).sqrt();
+                sum += sky.radiance(direction) * cosine;
+            }
+        }
+        sum * (std::f32::consts::TAU / (STEPS * STEPS) as f32)
+    }
+
+    #[test]
+    fn an_open_plane_receives_what_the_integral_says() {
+        let even = Sky::constant(Rgb::splat(2.0)).open_irradiance(Direction::NegX);
+        assert!((even.x - std::f32::consts::TAU).abs() < 1e-5, "pi L: {even}");
+        let sky = Sky { lobes: [1.0, 2.0, 4.0, 8.0, 16.0, 32.0].map(|lobe| Rgb::new(lobe, 1.0, 0.0)) };
+        for direction in Direction::ALL {
+            let (closed, summed) = (sky.open_irradiance(direction), by_quadrature(&sky, direction.vector()));
+            assert!((closed - summed).length() < 1e-3 * closed.length(), "{direction:?}: {closed} {summed}");
+        }
     }
 
     #[test]
