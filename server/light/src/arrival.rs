@@ -162,24 +162,64 @@ mod tests {
         assert_eq!(arrival(&sun, Vec3::ZERO, Vec3::NEG_Y, CENTRE), None);
     }
 
+    /// Mean over the disc of a sun of 10 lx at `zenith_angle`, on the ground, lx.
+    fn from_disc(diameter: f32, zenith_angle: f32) -> f64 {
+        const STEPS: usize = 128;
+        let (sin, cos) = zenith_angle.sin_cos();
+        let sun = Light::Directional {
+            direction: -Vec3::new(0.6 * sin, cos, 0.8 * sin),
+            illuminance: Rgb::splat(10.0),
+            angular_diameter_rad: diameter,
+        };
+        let step = |i: usize| (i as f32 + 0.5) / STEPS as f32;
+        let places = (0..STEPS * STEPS).map(|i| (step(i / STEPS), step(i % STEPS)));
+        let found = places.filter_map(|disc| arrival(&sun, Vec3::ZERO, Vec3::Y, disc));
+        found.map(|arrival| f64::from(arrival.irradiance.x)).sum::<f64>() / (STEPS * STEPS) as f64
+    }
+
     #[test]
     fn the_mean_over_a_disc_of_any_size_is_the_illuminance() {
         for diameter in [0.0093f32, 0.5, 3.0] {
-            let sun = Light::Directional {
-                direction: Vec3::NEG_Y,
-                illuminance: Rgb::splat(10.0),
-                angular_diameter_rad: diameter,
-            };
-            let mut sum = 0.0f64;
-            for i in 0..64 {
-                for j in 0..64 {
-                    let disc = ((i as f32 + 0.5) / 64.0, (j as f32 + 0.5) / 64.0);
-                    let found = arrival(&sun, Vec3::ZERO, Vec3::Y, disc);
-                    sum += found.map_or(0.0, |arrival| f64::from(arrival.irradiance.x));
-                }
-            }
-            let mean = sum / 4096.0;
+            let mean = from_disc(diameter, 0.0);
             assert!((mean - 10.0).abs() < 1e-3, "diameter {diameter}: {mean}");
         }
+    }
+
+    /// What a plane receives of an evenly bright disc of angular radius `radius` that would bring 1 to a plane facing
+    /// it, its centre at `zenith_angle`: the configuration factor of a sphere seen from a tilted plate (J. R. Howell,
+    /// catalogue of radiation heat transfer configuration factors, B-43), over `sin^2(radius)`.
+    fn disc_on_plane(radius: f64, zenith_angle: f64) -> f64 {
+        use std::f64::consts::{FRAC_PI_2, PI};
+        if zenith_angle <= FRAC_PI_2 - radius {
+            return zenith_angle.cos();
+        }
+        if zenith_angle >= FRAC_PI_2 + radius {
+            return 0.0;
+        }
+        let (height, root) = (1.0 / radius.sin(), 1.0 / radius.tan());
+        let (sin, cos) = zenith_angle.sin_cos();
+        let part = cos * (-root * cos / sin).acos() - root * (1.0 - (height * cos).powi(2)).sqrt();
+        let factor = 0.5 - (root / (height * sin)).asin() / PI + part / (PI * height * height);
+        factor * height * height
+    }
+
+    #[test]
+    fn a_disc_partly_below_the_horizon_brings_the_part_above() {
+        for diameter in [0.0093f32, 0.1, 0.5, 1.0] {
+            let radius = 0.5 * diameter;
+            for step in -6..=6 {
+                let zenith_angle = std::f32::consts::FRAC_PI_2 + step as f32 / 4.0 * radius;
+                let found = from_disc(diameter, zenith_angle) / 10.0;
+                let expected = disc_on_plane(f64::from(radius), f64::from(zenith_angle));
+                // In units of what a plane facing the disc would receive from its cosines there.
+                let scale = f64::from(radius.sin());
+                let difference = (found - expected).abs() / scale;
+                assert!(difference < 3e-3, "diameter {diameter}, step {step}: {found} for {expected}");
+            }
+        }
+        // On the horizon itself the formula is one that is easily checked: a - sin a cos a over pi sin^2 a.
+        let radius = 0.25f64;
+        let half = (radius - radius.sin() * radius.cos()) / (std::f64::consts::PI * radius.sin().powi(2));
+        assert!((disc_on_plane(radius, std::f64::consts::FRAC_PI_2) - half).abs() < 1e-12);
     }
 }
