@@ -5,6 +5,7 @@ mod budgets;
 mod faults;
 mod harness;
 mod light;
+mod light_off;
 mod residency;
 mod simulator;
 pub(crate) mod world;
