@@ -1,6 +1,7 @@
 //! glTF 2.0 and lights JSON to triangles, materials and lights in world space.
 //!
-//! Not here: rays, voxels, light. Start at [`load`]; [`Scene`] is what every tool works on from there.
+//! Not here: rays, voxels, light. Start at [`load`]; [`Scene`] is what every tool works on from there. Skies come with
+//! the lights: a colour, a gradient, or an [`EnvironmentMap`] and its projection on the six lobes of the service.
 //!
 //! | glTF | what becomes of it |
 //! |---|---|
@@ -21,12 +22,15 @@
 mod accessor;
 mod container;
 mod document;
+pub mod environment;
+mod environment_file;
 mod error;
 mod extensions;
 mod geometry;
 mod images;
 mod import;
 pub mod lights;
+mod lights_json;
 mod materials;
 mod nodes;
 mod primitive;
@@ -34,11 +38,14 @@ mod punctual;
 mod resource;
 pub mod scene;
 pub mod shared_scenes;
+pub mod sky_projection;
 pub mod texture;
 
+pub use environment::{EnvironmentError, EnvironmentMap};
 pub use error::SceneError;
 pub use import::{ImportOptions, load, load_bytes};
 pub use lights::{LightsFile, light_rig, load_lights, parse_lights};
 pub use scene::{ImportReport, Material, Scene, Surface};
 pub use shared_scenes::scenes_dir;
+pub use sky_projection::SkyProjection;
 pub use texture::{Texture, Wrap};

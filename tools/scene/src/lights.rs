@@ -1,82 +1,197 @@
 //! Lights JSON: lamps, sun and sky beside a scene, in glTF units.
 //!
 //! ```json
-//! {"sky": {"color": [3000, 4000, 6000]}, "use_gltf_lights": false,
-//!  "lights": [{"type": "directional", "direction": [0.5, -0.75, -0.43], "color": [1, 0.96, 0.9], "intensity": 100000},
+//! {"sky": {"color": [3000, 4000, 6000]}, "use_gltf_lights": false, "emission_scale": 1,
+//!  "lights": [{"type": "directional", "direction": [0.5, -0.75, -0.43], "color": [1, 0.96, 0.9], "intensity": 100000,
+//!              "angularDiameter": 0.0093},
 //!             {"type": "point", "position": [0, 3, 0], "intensity": 200, "range": 20},
 //!             {"type": "spot", "position": [0, 3, 0], "direction": [0, -1, 0], "intensity": 200,
 //!              "innerConeAngle": 0.2, "outerConeAngle": 0.5}]}
 //! ```
 //!
 //! `color` is linear RGB and defaults to white; `intensity` (lx or cd) to 1; `range` to none; the cone angles to
-//! 0 and pi/4, as in glTF. Directions need not be unit vectors. Unknown keys, negative intensities and directions of
-//! length zero are errors; a light without intensity is left out with a warning. Start at [`load_lights`].
+//! 0 and pi/4, as in glTF; `angularDiameter` (rad) to 0. Directions need not be unit vectors. `emission_scale`
+//! multiplies every emissive surface. Unknown keys, negative intensities and directions of length zero are errors; a
+//! light without intensity is left out with a warning.
+//!
+//! The sky is one of three, all in cd/m2:
+//!
+//! | form | sky |
+//! |---|---|
+//! | `{"color": [r, g, b]}` | the same everywhere |
+//! | `{"gradient": {"zenith": [..], "horizon": [..], "ground": [..]}}` | [`Sky::gradient`] |
+//! | `{"environment": "sky.hdr", "scale": 1, "rotation_deg": 0}` | [`EnvironmentMap`], .hdr or .exr beside this file |
+//!
+//! `config/lights.example.json` has all of it. Start at [`load_lights`].
 
-use crate::{Scene, SceneError, resource};
-use earthshine_world::{Light, LightRig, Rgb, Sky, Vec3};
+use crate::lights_json::{Entry, JsonFile, JsonLight, JsonSky};
+use crate::{EnvironmentMap, Scene, SceneError, environment_file, resource, sky_projection};
+use earthshine_world::{Light, LightRig, Rgb, Sky};
 use std::path::Path;
+use std::sync::Arc;
 
 /// What a lights file holds.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LightsFile {
     /// In the file's order, without the dark ones.
     pub lights: Vec<Light>,
-    /// Black where the file has none.
+    /// Black where the file has none; of an environment map, what the service can hold of it.
     pub sky: Sky,
+    /// The map itself, for tools that trace rays.
+    pub environment: Option<Arc<EnvironmentMap>>,
+    /// Multiplies every emissive surface.
+    pub emission_scale: f32,
     /// Whether the scene's own `KHR_lights_punctual` shine as well.
     pub use_gltf_lights: bool,
-    /// Sentences for people.
+    /// Sentences for people: what was left out or may be wrong.
     pub warnings: Vec<String>,
+    /// Sentences for people: what was measured, such as the error of a projected sky.
+    pub notes: Vec<String>,
 }
 
 /// Most lights in a file.
 const LIGHTS_MAX: usize = 100_000;
 
+/// From this error on planes facing all ways a map is worth a warning: an even sky over black ground stays below.
+const ERROR_WARNING: f64 = 0.2;
+
 /// Reads a lights file.
 ///
 /// # Errors
-/// [`SceneError::NotFound`], [`SceneError::Io`], and [`SceneError::BadLights`] naming the entry.
+/// [`SceneError::NotFound`], [`SceneError::Io`], and [`SceneError::BadLights`] naming the entry and its line.
 pub fn load_lights(path: &Path) -> Result<LightsFile, SceneError> {
     let file = path.display().to_string();
     let text = resource::read_file(path).map_err(|error| SceneError::io(&file, error))?;
-    parse_lights(&text, &file)
+    parse(&text, &file, path.parent())
 }
 
-/// Reads lights JSON; `name` stands for the file in messages.
+/// Reads lights JSON; `name` stands for the file in messages. There is no environment map beside it.
 ///
 /// # Errors
-/// [`SceneError::BadLights`], naming the entry.
+/// [`SceneError::BadLights`], naming the entry and its line.
 pub fn parse_lights(text: &[u8], name: &str) -> Result<LightsFile, SceneError> {
+    parse(text, name, None)
+}
+
+fn parse(text: &[u8], name: &str, folder: Option<&Path>) -> Result<LightsFile, SceneError> {
     let bad = |entry: &str, cause: String| SceneError::BadLights {
         file: name.to_owned(),
         entry: entry.to_owned(),
         cause,
     };
-    let json: JsonFile = serde_json::from_slice(text).map_err(|error| bad("the file", error.to_string()))?;
+    let json = JsonFile::read(text).map_err(|cause| bad("the file", cause))?;
     if json.lights.len() > LIGHTS_MAX {
         return Err(bad(
             "lights",
             format!("{} of them, and at most {LIGHTS_MAX} are read", json.lights.len()),
         ));
     }
-    let sky = json.sky.map_or(Sky::default(), |sky| Sky::constant(Rgb::from_array(sky.color)));
-    let mut rig = LightRig { sky, ..LightRig::emission_only() };
-    rig.validate().map_err(|error| bad("sky", error.cause.to_owned()))?;
-    let mut warnings = Vec::new();
-    for (index, entry) in json.lights.into_iter().enumerate() {
-        let entry_name = format!("light {index}");
-        let light: JsonLight =
-            serde_json::from_value(entry).map_err(|error| bad(&entry_name, error.to_string()))?;
-        let light = light.into_light().map_err(|cause| bad(&entry_name, cause.to_owned()))?;
-        let one = LightRig { lights: vec![light], ..LightRig::emission_only() };
-        one.validate().map_err(|error| bad(&entry_name, error.cause.to_owned()))?;
+    let mut file = LightsFile {
+        lights: Vec::with_capacity(json.lights.len()),
+        sky: Sky::default(),
+        environment: None,
+        emission_scale: json.emission_scale,
+        use_gltf_lights: json.use_gltf_lights,
+        warnings: Vec::new(),
+        notes: Vec::new(),
+    };
+    let scaled = LightRig { emission_scale: json.emission_scale, ..LightRig::emission_only() };
+    scaled
+        .validate()
+        .map_err(|error| bad("emission_scale", format!("{}; give zero or more", error.cause)))?;
+    if let Some(entry) = &json.sky {
+        let place = format!("sky, line {}", entry.line(text));
+        file.add_sky(entry, &format!("{name}: {place}"), folder).map_err(|cause| bad(&place, cause))?;
+    }
+    for (index, entry) in json.lights.iter().enumerate() {
+        let place = format!("light {index}, line {}", entry.line(text));
+        let light = read_light(entry).map_err(|cause| bad(&place, cause))?;
         if strength(&light) == Rgb::ZERO {
-            warnings.push(format!("{name}: {entry_name} has no intensity and was left out"));
+            file.warnings.push(format!("{name}: {place} has no intensity and was left out"));
         } else {
-            rig.lights.push(light);
+            file.lights.push(light);
         }
     }
-    Ok(LightsFile { lights: rig.lights, sky, use_gltf_lights: json.use_gltf_lights, warnings })
+    Ok(file)
+}
+
+fn read_light(entry: &Entry<'_>) -> Result<Light, String> {
+    let light: JsonLight = entry.read()?;
+    let light = light.into_light()?;
+    let one = LightRig { lights: vec![light], ..LightRig::emission_only() };
+    one.validate().map_err(|error| format!("{}; {}", error.cause, cure(error.cause)))?;
+    Ok(light)
+}
+
+/// What to do about a number that cannot be.
+fn cure(cause: &str) -> &'static str {
+    if cause.contains("intensity") {
+        "color and intensity must be zero or more (zero leaves the light out)"
+    } else {
+        "see config/lights.example.json"
+    }
+}
+
+impl LightsFile {
+    /// Reads the sky of `entry`; `place` names it in warnings, files are looked up in `folder`.
+    fn add_sky(&mut self, entry: &Entry<'_>, place: &str, folder: Option<&Path>) -> Result<(), String> {
+        let json: JsonSky = entry.read()?;
+        match (&json.color, &json.gradient, &json.environment) {
+            (Some(color), None, None) => self.sky = Sky::constant(Rgb::from_array(*color)),
+            (None, Some(gradient), None) => {
+                let [zenith, horizon, ground] =
+                    [gradient.zenith, gradient.horizon, gradient.ground].map(Rgb::from_array);
+                self.sky = Sky::gradient(zenith, horizon, ground);
+            }
+            (None, None, Some(file)) => {
+                let (scale, rotation_deg) = (json.scale.unwrap_or(1.0), json.rotation_deg.unwrap_or(0.0));
+                if !(scale.is_finite() && scale >= 0.0 && rotation_deg.is_finite()) {
+                    return Err("scale must be zero or more, and scale and rotation_deg finite".to_owned());
+                }
+                let folder = folder.ok_or("there is no folder to look for the environment map in")?;
+                self.add_environment(&folder.join(file), scale, rotation_deg, &format!("{place}: {file}"))
+                    .map_err(|cause| format!("{file}: {cause}"))?;
+                return Ok(());
+            }
+            _ => return Err("it must be one of color, gradient and environment".to_owned()),
+        }
+        if json.scale.is_some() || json.rotation_deg.is_some() {
+            return Err("scale and rotation_deg belong to an environment".to_owned());
+        }
+        let rig = LightRig { sky: self.sky, ..LightRig::emission_only() };
+        rig.validate().map_err(|error| format!("{}; give zero or more cd/m2", error.cause))
+    }
+
+    fn add_environment(
+        &mut self,
+        path: &Path,
+        scale: f32,
+        rotation_deg: f32,
+        place: &str,
+    ) -> Result<(), String> {
+        let read = environment_file::read(path, scale, rotation_deg)?;
+        self.warnings.extend(read.warning.map(|warning| format!("{place}: {warning}")));
+        let found = sky_projection::project(&read.map);
+        let percent = |share: f64| share * 100.0;
+        self.notes.push(format!(
+            "{place}: {} x {} pixels on six lobes: irradiance off by {:.1} % (RMS over planes facing all ways), at \
+             most {:.1} % on the six axis planes; {:.1} % clamped",
+            read.map.width(),
+            read.map.height(),
+            percent(found.error_rel),
+            percent(found.axes_error_rel),
+            percent(found.clamped_share),
+        ));
+        if found.error_rel > ERROR_WARNING {
+            self.warnings.push(format!(
+                "{place}: the six lobes of the service hold it badly; is there a sun in it? Paint it over and give it \
+                 as a directional light"
+            ));
+        }
+        self.sky = found.sky;
+        self.environment = Some(Arc::new(read.map));
+        Ok(())
+    }
 }
 
 /// Everything that lights `scene`: its own lights unless `file` leaves them out, then the file's, and its sky.
@@ -87,7 +202,7 @@ pub fn light_rig(scene: &Scene, file: Option<&LightsFile>) -> LightRig {
     LightRig {
         lights: own.chain(added).copied().collect(),
         sky: file.map_or(Sky::default(), |file| file.sky),
-        ..LightRig::emission_only()
+        emission_scale: file.map_or(1.0, |file| file.emission_scale),
     }
 }
 
@@ -96,107 +211,4 @@ fn strength(light: &Light) -> Rgb {
         Light::Directional { illuminance, .. } => illuminance,
         Light::Point { intensity, .. } | Light::Spot { intensity, .. } => intensity,
     }
-}
-
-#[derive(serde::Deserialize)]
-#[serde(deny_unknown_fields)]
-struct JsonFile {
-    #[serde(default)]
-    lights: Vec<serde_json::Value>,
-    sky: Option<JsonSky>,
-    #[serde(default = "yes")]
-    use_gltf_lights: bool,
-}
-
-#[derive(serde::Deserialize)]
-#[serde(deny_unknown_fields)]
-struct JsonSky {
-    color: [f32; 3],
-}
-
-#[derive(serde::Deserialize)]
-#[serde(tag = "type", rename_all = "lowercase", deny_unknown_fields)]
-enum JsonLight {
-    Directional {
-        direction: [f32; 3],
-        #[serde(default = "white")]
-        color: [f32; 3],
-        #[serde(default = "one")]
-        intensity: f32,
-    },
-    Point {
-        position: [f32; 3],
-        #[serde(default = "white")]
-        color: [f32; 3],
-        #[serde(default = "one")]
-        intensity: f32,
-        range: Option<f32>,
-    },
-    #[serde(rename_all = "camelCase")]
-    Spot {
-        position: [f32; 3],
-        direction: [f32; 3],
-        #[serde(default = "white")]
-        color: [f32; 3],
-        #[serde(default = "one")]
-        intensity: f32,
-        range: Option<f32>,
-        #[serde(default)]
-        inner_cone_angle: f32,
-        #[serde(default = "quarter_pi")]
-        outer_cone_angle: f32,
-    },
-}
-
-impl JsonLight {
-    fn into_light(self) -> Result<Light, &'static str> {
-        let unit = |direction: [f32; 3]| {
-            Vec3::from_array(direction).try_normalize().ok_or("its direction has no length")
-        };
-        let strength = |color: [f32; 3], intensity: f32| Rgb::from_array(color) * intensity;
-        Ok(match self {
-            Self::Directional { direction, color, intensity } => Light::Directional {
-                direction: unit(direction)?,
-                illuminance: strength(color, intensity),
-                angular_diameter_rad: 0.0,
-            },
-            Self::Point { position, color, intensity, range } => Light::Point {
-                position: Vec3::from_array(position),
-                intensity: strength(color, intensity),
-                range_m: range,
-            },
-            Self::Spot {
-                position,
-                direction,
-                color,
-                intensity,
-                range,
-                inner_cone_angle,
-                outer_cone_angle,
-            } => Light::Spot {
-                position: Vec3::from_array(position),
-                direction: unit(direction)?,
-                intensity: strength(color, intensity),
-                inner_cone_rad: inner_cone_angle,
-                outer_cone_rad: outer_cone_angle,
-                range_m: range,
-            },
-        })
-    }
-}
-
-fn yes() -> bool {
-    true
-}
-
-fn white() -> [f32; 3] {
-    [1.0; 3]
-}
-
-fn one() -> f32 {
-    1.0
-}
-
-fn quarter_pi() -> f32 {
-    std::f32::consts::FRAC_PI_4
 }

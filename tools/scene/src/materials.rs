@@ -47,6 +47,9 @@ const BLEND_CUTOFF: f32 = 0.5;
 /// glTF's own default for `MASK`.
 const MASK_CUTOFF: f32 = 0.5;
 
+/// Brighter surfaces are remarked on, cd/m2: a filament has some 1e7, so it is likely another unit.
+const EMISSION_WARNING: f32 = 1e8;
+
 /// Reads all materials and decodes the textures they use.
 ///
 /// # Errors
@@ -75,6 +78,14 @@ pub(crate) fn import(document: &Document<'_>, options: &ImportOptions) -> Result
             let [red, green, blue, alpha] = material.base_colour;
             let left = 1.0 - material.metallic.clamp(0.0, 1.0);
             material.base_colour = [red * left, green * left, blue * left, alpha];
+        }
+        let brightest = material.emitted_radiance.max_element();
+        if brightest > EMISSION_WARNING {
+            all.warnings.push(format!(
+                "material {index} `{}` emits {brightest:.1e} cd/m2, more than {EMISSION_WARNING:.0e}: \
+                 is its emissive strength in cd/m2?",
+                material.name
+            ));
         }
         all.blended += u64::from(json.alpha_mode == Checked::Valid(AlphaMode::Blend));
         all.push(material, uv_sources, &images);

@@ -92,7 +92,7 @@ fn lights_json_is_read_and_joined() {
         Light::Point { position: Vec3::new(1., 2., 3.), intensity: Rgb::splat(5.), range_m: Some(7.) }
     );
     assert!(matches!(file.lights[2], Light::Spot { inner_cone_rad: 0.2, .. }));
-    assert_eq!(file.warnings, ["x.json: light 3 has no intensity and was left out"]);
+    assert_eq!(file.warnings, ["x.json: light 3, line 1 has no intensity and was left out"]);
     assert_eq!(light_rig(&scene, Some(&file)).lights.len(), 4);
     file.use_gltf_lights = false;
     assert_eq!(light_rig(&scene, Some(&file)).lights, file.lights);
@@ -121,13 +121,91 @@ fn bad_lights_json_names_the_entry_and_the_cause() {
         (point("range", json!(0)), "light 1", "range is not positive"),
         (point("position", json!([0, 0])), "light 1", "invalid length 2"),
         (json!({"sky": {"color": [1, -1, 1]}}), "sky", "negative"),
+        (json!({"sky": {}}), "sky", "one of color, gradient and environment"),
+        (json!({"sky": {"color": [1, 1, 1], "environment": "a.hdr"}}), "sky", "one of color, gradient"),
+        (json!({"sky": {"color": [1, 1, 1], "scale": 2}}), "sky", "belong to an environment"),
+        (
+            json!({"sky": {"gradient": {"zenith": [1, 1, 1], "horizon": [1, 1, 1]}}}),
+            "sky",
+            "missing field `ground`",
+        ),
+        (json!({"sky": {"environment": "a.hdr", "scale": -1}}), "sky", "scale must be zero or more"),
         (json!({"skies": []}), "the file", "unknown field `skies`"),
     ];
     for (json, entry, cause) in cases {
         let text = parse_lights(json.to_string().as_bytes(), "x.json").expect_err("bad lights").to_string();
-        assert!(text.starts_with(&format!("x.json: {entry}: ")) && text.contains(cause), "{text}");
+        let place = if entry == "the file" { entry.to_owned() } else { format!("{entry}, line 1") };
+        assert!(text.starts_with(&format!("x.json: {place}: ")) && text.contains(cause), "{text}");
     }
     assert!(parse_lights(b"{\"lights\": [", "x.json").expect_err("cut").to_string().contains("EOF"));
     let missing = load_lights(std::path::Path::new("no such lights.json"));
     assert!(matches!(missing, Err(SceneError::NotFound { .. })));
+}
+
+#[test]
+fn faults_name_their_line_and_what_would_do() {
+    let text = b"{\n  \"sky\": {\"color\": [1, 1, 1]},\n  \"lights\": [\n    {\"type\": \"point\",\n     \"position\": [0, 0, 0]},\n    {\"type\": \"laser\"}\n  ]\n}";
+    let error = parse_lights(text, "x.json").expect_err("no such light").to_string();
+    assert!(error.contains("light 1, line 6: unknown variant `laser`"), "{error}");
+    assert!(error.contains("`directional`, `point`, `spot`"), "{error}");
+}
+
+#[test]
+fn the_example_has_every_form_but_two_skies() {
+    let example =
+        std::path::Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/lights.example.json"));
+    let file = load_lights(example).expect("the example");
+    assert_eq!((file.lights.len(), file.emission_scale, file.use_gltf_lights), (3, 1.0, true));
+    assert!(file.warnings.is_empty() && file.notes.is_empty(), "{file:?}");
+    assert!(matches!(file.lights[0], Light::Directional { angular_diameter_rad: 0.0093, .. }));
+    let (zenith, horizon) = (Rgb::new(1500., 3000., 7000.), Rgb::new(5000., 6000., 7000.));
+    assert_eq!(file.sky, Sky::gradient(zenith, horizon, Rgb::new(800., 700., 600.)));
+}
+
+#[test]
+fn the_emission_scale_reaches_the_rig() {
+    let file = parse_lights(br#"{"emission_scale": 0.25}"#, "x.json").expect("good lights");
+    assert_eq!(light_rig(&Glb::triangle().scene(), Some(&file)).emission_scale, 0.25);
+    let error = parse_lights(br#"{"emission_scale": -1}"#, "x.json").expect_err("negative").to_string();
+    assert!(error.contains("x.json: emission_scale") && error.contains("zero or more"), "{error}");
+}
+
+#[test]
+fn an_environment_beside_the_file_becomes_lobes_and_is_kept() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let write = |name: &str, width, height, radiance: [f32; 3]| {
+        let path = folder.path().join(name);
+        image::Rgb32FImage::from_pixel(width, height, image::Rgb(radiance)).save(path).expect("a picture");
+    };
+    write("even.exr", 16, 8, [1.0, 2.0, 4.0]);
+    write("square.exr", 8, 8, [1.0, 1.0, 1.0]);
+    let load = |sky: Value| {
+        let path = folder.path().join("lights.json");
+        std::fs::write(&path, json!({"sky": sky}).to_string()).expect("a scratch folder");
+        load_lights(&path)
+    };
+    let file = load(json!({"environment": "even.exr", "scale": 10, "rotation_deg": 45})).expect("a sky");
+    for lobe in file.sky.lobes {
+        assert!((lobe - Rgb::new(10., 20., 40.)).length() < 1e-4, "{lobe}");
+    }
+    assert_eq!(file.environment.expect("the map").texel(3, 3), Rgb::new(10., 20., 40.));
+    assert!(file.warnings.is_empty(), "{:?}", file.warnings);
+    let [note] = &file.notes[..] else { panic!("{:?}", file.notes) };
+    assert!(note.contains("even.exr: 16 x 8 pixels") && note.contains("off by 0.0 %"), "{note}");
+
+    let warned = load(json!({"environment": "square.exr"})).expect("a sky");
+    assert!(warned.warnings[0].contains("square.exr: it is 8 x 8 pixels, not twice as wide"), "{warned:?}");
+    let error = load(json!({"environment": "none.hdr"})).expect_err("no map").to_string();
+    assert!(error.contains("sky, line 1: none.hdr: there is no such file"), "{error}");
+}
+
+#[test]
+fn a_map_with_a_sun_in_it_is_remarked_on() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let texel = |x, y| image::Rgb([if (x, y) == (30, 5) { 1e6 } else { 100.0 }; 3]);
+    image::Rgb32FImage::from_fn(64, 32, texel).save(folder.path().join("noon.exr")).expect("a picture");
+    let path = folder.path().join("lights.json");
+    std::fs::write(&path, r#"{"sky": {"environment": "noon.exr"}}"#).expect("a scratch folder");
+    let file = load_lights(&path).expect("a sky");
+    assert!(file.warnings[0].contains("give it as a directional light"), "{:?}", file.warnings);
 }

@@ -113,6 +113,20 @@ fn emission_is_factor_times_texture_times_strength_and_leaves_the_front() {
 }
 
 #[test]
+fn emission_beyond_all_lamps_is_remarked_on_by_name() {
+    let warnings = |strength: f32| {
+        let mut glb = Glb::with_material(json!({
+            "name": "Neon", "emissiveFactor": [1.0, 0.5, 0.0],
+            "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": strength}}}));
+        glb.json["extensionsUsed"] = json!(["KHR_materials_emissive_strength"]);
+        glb.scene().report.warnings
+    };
+    assert_eq!(warnings(1e8), [""; 0]);
+    let [warning] = &warnings(3e8)[..] else { panic!("one material") };
+    assert!(warning.contains("`Neon` emits 3.0e8 cd/m2") && warning.contains("cd/m2?"), "{warning}");
+}
+
+#[test]
 fn masks_cut_holes_and_blending_is_counted() {
     let scene = |alpha: Value| {
         let mut material = alpha;
