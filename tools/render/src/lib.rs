@@ -10,6 +10,7 @@
 //! | [`tracer`] | a scene under a tree: closest hit, blocked or not |
 //! | [`emitters`] | which emissive triangle to look at, and how likely that was |
 //! | [`path`] | one random path: its light at a point |
+//! | [`sky`] | what escaping paths see: lobes, or an environment map looked at on purpose |
 //! | [`sampling`] | random streams and directions |
 //! | [`reference`](mod@reference) | many paths: mean, standard error, when to stop |
 //! | [`chart`] | figures against each other, as SVG and PNG |
@@ -42,6 +43,9 @@ pub mod picture;
 pub mod reference;
 pub mod sampling;
 pub mod sheet;
+pub mod sky;
+#[cfg(test)]
+mod sky_forms;
 #[cfg(test)]
 mod test_scenes;
 pub mod tracer;

@@ -2,7 +2,8 @@
 //!
 //! The first arrival of lamps and sun is not in it, their every bounce is. Paths end by Russian roulette.
 //! At each vertex lamps are asked directly; emissive triangles are both looked at and hit by chance,
-//! the two weighted by the balance heuristic so that each ray of light is counted once.
+//! the two weighted by the balance heuristic so that each ray of light is counted once. An environment map is treated
+//! like them ([`crate::sky`]).
 
 use crate::sampling::{PathStream, cosine_direction, triangle_point};
 use crate::tracer::{SceneTracer, Vertex, off_surface, offset_at, point_on};
@@ -17,7 +18,7 @@ const BOUNCES_MAX: u32 = 1024;
 /// Up to this many lamps all are asked at every vertex; of more, one in proportion to what it would bring.
 const LAMPS_ASKED_MAX: usize = 4;
 
-/// How light from emissive triangles is found.
+/// How light from emissive triangles and environment maps is found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum EmitterSampling {
     /// By chance hits alone: noisy with small emitters; to be compared with.
@@ -32,7 +33,7 @@ pub enum EmitterSampling {
 pub struct PathTracer<'a> {
     /// The scene.
     pub tracer: &'a SceneTracer<'a>,
-    /// Its light.
+    /// Its light; an environment map of the tracer takes the place of its sky.
     pub rig: &'a LightRig,
     /// How emissive triangles are found.
     pub emitter_sampling: EmitterSampling,
@@ -65,11 +66,13 @@ impl PathTracer<'_> {
                 light.irradiance +=
                     throughput * self.emitter_irradiance(position, normal, stream, &mut light.rays);
             }
+            light.irradiance += throughput * self.looked_up_sky(position, normal, stream, &mut light.rays);
             let direction = cosine_direction(normal, pair);
             let origin = off_surface(position, normal);
             light.rays += 1;
             let Some(hit) = self.tracer.closest(origin, direction, 0.0, f32::INFINITY) else {
-                light.irradiance += throughput * PI * self.rig.sky.radiance(direction);
+                let weight = self.escape_weight(direction, normal);
+                light.irradiance += throughput * (PI * weight) * self.sky_radiance(direction);
                 break;
             };
             let vertex = self.tracer.vertex(&hit);

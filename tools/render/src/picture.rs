@@ -161,7 +161,7 @@ impl PathTracer<'_> {
             let (dx, dy) = stream.pair();
             let direction = camera.direction(corner.0 + dx, corner.1 + dy);
             let Some(hit) = self.tracer.closest(camera.position(), direction, 0.0, f32::INFINITY) else {
-                pixel.direct += self.rig.sky.radiance(direction);
+                pixel.direct += self.sky_radiance(direction);
                 continue;
             };
             let vertex = self.tracer.vertex(&hit);

@@ -1,8 +1,11 @@
-//! A scene as the reference sees it: rays (`earthshine-trace`), emitters to look at, what back faces do.
+//! A scene as the reference sees it: rays (`earthshine-trace`), emitters to look at, what back faces do, and the
+//! environment map around it where there is one.
 
 use crate::emitters::Emitters;
-use earthshine_scene::Scene;
+use crate::sky::Environment;
+use earthshine_scene::{EnvironmentMap, Scene};
 use earthshine_world::{Rgb, Vec3};
+use std::sync::Arc;
 
 pub use earthshine_trace::Hit;
 
@@ -39,6 +42,7 @@ pub struct SceneTracer<'scene> {
     rays: earthshine_trace::SceneTracer<'scene>,
     sides: Sides,
     emitters: Emitters,
+    environment: Option<Environment>,
 }
 
 impl<'scene> SceneTracer<'scene> {
@@ -51,7 +55,21 @@ impl<'scene> SceneTracer<'scene> {
     /// Builds the tree; `sides` says what back faces do.
     #[must_use]
     pub fn with_sides(scene: &'scene Scene, sides: Sides) -> Self {
-        Self { rays: earthshine_trace::SceneTracer::new(scene), sides, emitters: Emitters::of(scene) }
+        let rays = earthshine_trace::SceneTracer::new(scene);
+        Self { rays, sides, emitters: Emitters::of(scene), environment: None }
+    }
+
+    /// Puts `map` around the scene: paths see it in place of the light rig's sky. `None` leaves that sky.
+    #[must_use]
+    pub fn under(mut self, map: Option<Arc<EnvironmentMap>>) -> Self {
+        self.environment = map.map(Environment::new);
+        self
+    }
+
+    /// The map around the scene, if there is one.
+    #[must_use]
+    pub fn environment(&self) -> Option<&Environment> {
+        self.environment.as_ref()
     }
 
     /// What is traced.
