@@ -1,6 +1,7 @@
 //! `earthshine compare`: two pictures, or a world's light and a reference at points.
 
 use crate::output::out;
+use crate::scene_source;
 use crate::volume_light;
 use crate::whole_world::WholeWorld;
 use clap::{Args, Subcommand};
@@ -101,8 +102,8 @@ fn points(
     let own = &world.manifest.lights;
     let rig = match lights {
         Some(path) => {
-            let file = earthshine_scene::load_lights(path)?;
-            LightRig { lights: file.lights, sky: file.sky, emission_scale: own.emission_scale }
+            let file = scene_source::load_lights(path)?;
+            LightRig { lights: file.lights, sky: file.sky, emission_scale: file.emission_scale }
         }
         None => own.clone(),
     };

@@ -2,7 +2,7 @@
 
 use earthshine_bake::BakeError;
 use earthshine_client::ClientError;
-use earthshine_fly::{FlyError, PathError};
+use earthshine_fly::{FlyError, PathError, SunPathError};
 use earthshine_gen::GenError;
 use earthshine_render::camera::CameraError;
 use earthshine_render::compare_points::CompareError;
@@ -100,7 +100,8 @@ fn code(cause: &(dyn std::error::Error + 'static)) -> Option<u8> {
         || cause.is::<ImageFileError>()
         || cause.is::<CompareError>()
         || cause.is::<SizeError>()
-        || cause.is::<PathError>();
+        || cause.is::<PathError>()
+        || cause.is::<SunPathError>();
     let is_usage = cause.is::<CameraError>() || cause.is::<SamplesError>() || cause.is::<WrongUse>();
     match () {
         () if is_input => Some(INPUT),

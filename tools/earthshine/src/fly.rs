@@ -8,7 +8,7 @@ use crate::view::{ViewArguments, vector, write_layers};
 use anyhow::Context as _;
 use clap::{Args, ValueEnum};
 use earthshine_client::World;
-use earthshine_fly::{FlyFrame, FlyOptions, FlyReport, Path, SunPath};
+use earthshine_fly::{FlyFrame, FlyOptions, FlyReport, Path, SunCourse, SunLight, SunPath};
 use earthshine_render::picture::{LightSource, PictureOptions, render};
 use earthshine_render::{SceneTracer, image_file};
 use earthshine_world::{LightRig, Vec3};
@@ -21,7 +21,8 @@ use std::time::Duration;
   earthshine fly                                     (an orbit around the world, 20 s)
   earthshine fly --path line --from -50,2,0 --to 50,2,0 --speed 10
   earthshine fly --path recorded --file walk.json --out pictures --scene town.glb
-  earthshine fly --path teleports --every 2 --json")]
+  earthshine fly --path teleports --every 2 --json
+  earthshine fly --sun-path config/day.example.toml --seconds 60")]
 pub(crate) struct FlyArguments {
     /// Server to connect to.
     #[arg(long, env = "EARTHSHINE_SERVER", default_value = "http://127.0.0.1:7461")]
@@ -35,8 +36,11 @@ pub(crate) struct FlyArguments {
     #[arg(long, default_value_t = 60.0)]
     rate: f32,
     /// Moves the sun from east to west during the flight.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "sun_path")]
     moving_sun: bool,
+    /// Moves sun and sky as this TOML file says (config/day.example.toml).
+    #[arg(long)]
+    sun_path: Option<PathBuf>,
     /// Writes pictures of the flight into this folder; needs --scene.
     #[arg(long, requires = "scene")]
     out: Option<PathBuf>,
@@ -125,15 +129,18 @@ impl RouteArguments {
 /// A sun that crosses the sky from east to west, as bright as a clear day's.
 pub(crate) fn sun_path() -> SunPath {
     SunPath {
-        azimuth_deg: [20.0, 160.0],
-        elevation_deg: [25.0, 55.0],
-        illuminance: Vec3::new(100_000.0, 96_000.0, 90_000.0),
+        course: SunCourse::Straight { azimuth_deg: [20.0, 160.0], elevation_deg: [25.0, 55.0] },
+        light: SunLight::Constant { illuminance: Vec3::new(100_000.0, 96_000.0, 90_000.0) },
         rate_hz: 2.0,
     }
 }
 
 /// Runs the subcommand.
 pub(crate) fn run(arguments: &FlyArguments) -> anyhow::Result<()> {
+    let sun = match &arguments.sun_path {
+        Some(file) => Some(SunPath::load(file)?),
+        None => arguments.moving_sun.then(sun_path),
+    };
     let runtime = tokio::runtime::Runtime::new().context("the asynchronous runtime could not start")?;
     let timeout = Duration::from_secs(5);
     let world = runtime.block_on(earthshine_client::world(&arguments.server, None, timeout))?;
@@ -144,9 +151,9 @@ pub(crate) fn run(arguments: &FlyArguments) -> anyhow::Result<()> {
     let mut options = FlyOptions::new(&arguments.server, path);
     options.duration = Duration::try_from_secs_f32(arguments.seconds).context("--seconds")?;
     options.rate_hz = arguments.rate;
-    if arguments.moving_sun {
+    if sun.is_some() {
         options.lights = Some(world.lights.clone());
-        options.sun = Some(sun_path());
+        options.sun = sun;
     }
     if arguments.out.is_some() {
         let step = arguments.seconds / arguments.pictures.max(1) as f32;

@@ -59,7 +59,7 @@ const SERVICE_SAMPLES: u32 = 16;
 pub(crate) fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let source = scene_source::load(&arguments.scene, arguments.lights.as_deref(), false)?;
     scene_source::warn_if_dark(&source);
-    let tracer = SceneTracer::new(&source.scene);
+    let tracer = SceneTracer::new(&source.scene).under(source.environment.clone());
     let camera = arguments.view.pinhole(&source.scene.bounds())?;
     let options = PictureOptions { camera, samples: arguments.samples, seed: arguments.seed };
     if arguments.shown != View::Light && arguments.world.is_none() {

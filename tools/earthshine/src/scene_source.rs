@@ -2,9 +2,10 @@
 
 use anyhow::Context as _;
 use earthshine_gen::{GenOptions, WorldKind};
-use earthshine_scene::{ImportOptions, Scene};
+use earthshine_scene::{EnvironmentMap, ImportOptions, LightsFile, Scene};
 use earthshine_world::LightRig;
 use std::path::Path;
+use std::sync::Arc;
 
 /// A scene with its name and lights.
 pub(crate) struct SceneSource {
@@ -13,6 +14,8 @@ pub(crate) struct SceneSource {
     /// Which generated world; `None` for a file.
     pub(crate) kind: Option<WorldKind>,
     pub(crate) lights: LightRig,
+    /// What paths see in place of the rig's sky; `None` where that has no map.
+    pub(crate) environment: Option<Arc<EnvironmentMap>>,
 }
 
 /// Loads `scene`, and `lights` where a file is given.
@@ -40,10 +43,23 @@ pub(crate) fn load_generated(
             (earthshine_scene::load(path, &options)?, name, None)
         }
     };
-    let file = lights.map(earthshine_scene::load_lights).transpose()?;
+    let file = lights.map(load_lights).transpose()?;
     let lights = earthshine_scene::light_rig(&loaded, file.as_ref());
     lights.validate().context("the scene's lights")?;
-    Ok(SceneSource { scene: loaded, name, kind, lights })
+    let environment = file.and_then(|file| file.environment);
+    Ok(SceneSource { scene: loaded, name, kind, lights, environment })
+}
+
+/// Reads a lights file, and says on standard error what is remarkable about it.
+pub(crate) fn load_lights(file: &Path) -> anyhow::Result<LightsFile> {
+    let lights = earthshine_scene::load_lights(file)?;
+    for note in &lights.notes {
+        eprintln!("{note}");
+    }
+    for warning in &lights.warnings {
+        eprintln!("warning: {warning}");
+    }
+    Ok(lights)
 }
 
 /// Says so when nothing shines: no lamp, no sky, no emitter.

@@ -71,6 +71,9 @@ impl FlyOptions {
         if !self.picture_times_s.is_sorted() {
             return fault("picture times must ascend".to_owned());
         }
+        if let Some(cause) = self.sun.and_then(|sun| sun.validate().err()) {
+            return fault(format!("the sun's path: {cause}"));
+        }
         self.path.validate().map_err(FlyError::Path)
     }
 }

@@ -4,15 +4,18 @@
 //! [`FlyReport`]. It knows nothing of the server but the wire, and draws nothing: pictures are made by whoever gives
 //! the callback. Start at [`FlyOptions`].
 
+pub mod daylight;
 pub mod fly;
 pub mod path;
 mod path_file;
 pub mod probe;
 pub mod report;
 pub mod sun;
+mod sun_file;
 
 pub use fly::{FlyError, FlyFrame, FlyOptions, fly};
 pub use path::{Key, Path, PathError};
 pub use probe::{Probe, Probes};
 pub use report::FlyReport;
-pub use sun::SunPath;
+pub use sun::{SunCourse, SunLight, SunPath};
+pub use sun_file::SunPathError;

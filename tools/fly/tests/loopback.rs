@@ -3,7 +3,7 @@
 mod server;
 
 use earthshine_client::{LightSource, UVec3, Vec3};
-use earthshine_fly::{FlyError, FlyOptions, Path, Probe, Probes, SunPath, fly};
+use earthshine_fly::{FlyError, FlyOptions, Path, Probe, Probes, SunCourse, SunLight, SunPath, fly};
 use server::{ANSWER_DELAY, start};
 use std::time::Duration;
 
@@ -26,9 +26,8 @@ async fn a_line_over_a_rim_misses_half_of_its_frames() {
     let mut options = options(&server.uri, path);
     options.picture_times_s = vec![0.2, 0.4, 5.0];
     let sun = SunPath {
-        azimuth_deg: [0.0, 90.0],
-        elevation_deg: [30.0, 60.0],
-        illuminance: Vec3::ONE,
+        course: SunCourse::Straight { azimuth_deg: [0.0, 90.0], elevation_deg: [30.0, 60.0] },
+        light: SunLight::ClearSky { ground_reflectance: 0.2 },
         rate_hz: 20.0,
     };
     options.sun = Some(sun);
@@ -44,8 +43,9 @@ async fn a_line_over_a_rim_misses_half_of_its_frames() {
 
     assert_eq!(pictures.iter().map(|frame| frame.picture).collect::<Vec<_>>(), [0, 1]);
     assert!(pictures[0].time_s >= 0.2 && pictures[0].light.number() > 0);
-    let shining = &pictures[1].lights.as_ref().unwrap().sources;
-    assert!(matches!(shining[..], [LightSource::Directional { .. }]));
+    let lights = pictures[1].lights.as_ref().unwrap();
+    assert!(matches!(lights.sources[..], [LightSource::Directional { .. }]));
+    assert!(lights.sky[2].z > lights.sky[2].x, "the sky follows the sun: {:?}", lights.sky);
     assert!(server.lights_received() > 3, "the sun moved {} times", server.lights_received());
 }
 

@@ -71,7 +71,7 @@ pub(crate) fn run(arguments: &ReferenceArguments, json: bool) -> anyhow::Result<
     }
     let metals_black = arguments.metals == Metals::Black;
     let source = scene_source::load(&arguments.scene, arguments.lights.as_deref(), metals_black)?;
-    let tracer = SceneTracer::new(&source.scene);
+    let tracer = SceneTracer::new(&source.scene).under(source.environment.clone());
     let places: Vec<_> = theirs.iter().map(|point| (point.position, point.normal)).collect();
     let options = ReferenceOptions {
         seed: arguments.seed,

@@ -1,13 +1,14 @@
 //! The command as a user meets it: the real program, its exit codes and what it says.
 //!
-//! `main_path` goes all the way from `gen` to `fly`; `accuracy` measures; `scenes`, `worlds`, `service` and `disk_full` hand it what nobody
-//! should, and check the documented exit code, a message that names file, cause and cure, and that nothing half-written
-//! stays. What a client may do to a server is tested beside the server.
+//! `main_path` goes all the way from `gen` to `fly`; `accuracy` measures; `scenes`, `lights`, `worlds`, `service` and
+//! `disk_full` hand it what nobody should, and check the documented exit code, a message that names file, cause and
+//! cure, and that nothing half-written stays. What a client may do to a server is tested beside the server.
 
 mod accuracy;
 mod command;
 mod disk_full;
 mod glb;
+mod lights;
 mod main_path;
 mod scenes;
 mod service;

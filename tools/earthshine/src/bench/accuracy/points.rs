@@ -32,7 +32,7 @@ pub(super) fn reference(
             _ => Ok(reference),
         };
     }
-    let tracer = SceneTracer::new(&source.scene);
+    let tracer = SceneTracer::new(&source.scene).under(source.environment.clone());
     let places = places.unwrap_or_else(|| {
         volume_light::random_places(&tracer, arguments.point_count, arguments.quality.seed)
     });
