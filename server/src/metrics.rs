@@ -157,7 +157,7 @@ impl Collector for EngineCollector {
             ("shadow_rays", "Most shadow rays that may have been traced", counted.rays),
             ("limited_sources", "Sources limited to what f32 light can carry", counted.limited_sources),
             ("drift_probes", "Measurements of drift", counted.drift_probes),
-            ("resolves", "Fresh solves because of drift", counted.resolves),
+            ("resolves", "Repairs and fresh solves because of drift", counted.resolves),
             ("frames", "Frames published", counted.frames),
         ];
         for (name, help, value) in counters {

@@ -8,7 +8,7 @@ mod refusals;
 
 use earthshine_radiosity::bench::Streamed;
 use earthshine_radiosity::closed_box::ClosedBox;
-use earthshine_radiosity::{ApplyStats, Backend, Slot, Update};
+use earthshine_radiosity::{ApplyStats, Backend, BackendError, Slot, Update};
 use earthshine_world::Rgb;
 use std::collections::BTreeMap;
 
@@ -38,6 +38,8 @@ pub fn backend_conformance(make: impl Fn(u32) -> Box<dyn Backend>) {
         add_then_remove_is_the_identity(&mut *fresh());
         nothing_changed_is_the_same_to_the_bit(&mut *fresh());
         a_newcomer_inherits_nothing(&mut *fresh());
+        what_is_of_no_interest_waits(&mut *fresh());
+        a_repair_in_steps_ends_and_changes_nothing(&mut *fresh());
         refusals::a_loop_without_loss_is_refused_and_counted(&mut *fresh());
         refusals::errors_leave_no_trace(&mut *fresh());
     }
@@ -57,7 +59,7 @@ fn read(backend: &mut dyn Backend, slots: &[Slot]) -> Vec<Rgb> {
 }
 
 fn add(slot: u32, reflectance: f32, row: Vec<(Slot, f32)>, column: Vec<(Slot, f32)>) -> Update {
-    Update::Add { slot: Slot(slot), reflectance: Rgb::splat(reflectance), row, column }
+    Update::Add { slot: Slot(slot), reflectance: Rgb::splat(reflectance), area: 1.0, row, column }
 }
 
 /// A closed room of one reflectance that fills the backend, entered in one batch.
@@ -69,7 +71,8 @@ fn furnish(backend: &mut dyn Backend, reflectance: f32) -> Vec<Slot> {
         .map(|i| {
             let row = (0..i).map(|j| (Slot(j), factor(i, j))).collect();
             let column = (0..i).map(|j| (Slot(j), factor(j, i))).collect();
-            add(i, reflectance, row, column)
+            let (slot, reflectance, area) = (Slot(i), Rgb::splat(reflectance), room.area(i as usize));
+            Update::Add { slot, reflectance, area, row, column }
         })
         .collect();
     let stats = backend.apply(&updates).expect("free slots");
@@ -208,6 +211,51 @@ fn nothing_changed_is_the_same_to_the_bit(backend: &mut dyn Backend) {
     assert!(read(backend, &reversed).iter().rev().eq(&first));
     let changed = lit(backend, &slots[..1], &[Rgb::splat(1e3)], &[Rgb::splat(1e3)]);
     assert_ne!(changed[0], first[0], "another source is a change");
+}
+
+/// Goal: interest never changes light. Method: what is of interest is what the step before would have given, to the
+/// bit; what is not says whether it is current; all of it is once all is wanted.
+fn what_is_of_no_interest_waits(backend: &mut dyn Backend) {
+    let slots = furnish(backend, 0.5);
+    let (dim, bright) = (vec![Rgb::ONE; slots.len()], vec![Rgb::splat(8.0); slots.len()]);
+    let after = lit(backend, &slots, &bright, &dim);
+    let before = lit(backend, &slots, &dim, &dim);
+    let last = slots[slots.len() - 1];
+    backend.set_interest(Some(&[last])).expect("a slot within the capacity");
+    let partly = lit(backend, &slots, &bright, &dim);
+    assert!(backend.is_current(last));
+    for (at, &slot) in slots.iter().enumerate() {
+        let expected = if backend.is_current(slot) { after[at] } else { before[at] };
+        assert_eq!(partly[at], expected, "{slot:?}");
+    }
+    let outside = Slot(backend.capacity());
+    assert_eq!(
+        backend.set_interest(Some(&[outside])),
+        Err(BackendError::SlotOutside(outside, backend.capacity()))
+    );
+    backend.set_interest(None).expect("all");
+    backend.step().expect("a device that works");
+    assert!(slots.iter().all(|&slot| backend.is_current(slot)) && read(backend, &slots) == after);
+}
+
+/// Goal: a repair can run beside everything else. Method: a sound matrix, a few columns a call; the light stays.
+fn a_repair_in_steps_ends_and_changes_nothing(backend: &mut dyn Backend) {
+    let slots = furnish(backend, 0.8);
+    let sources: Vec<Rgb> = slots.iter().map(|slot| Rgb::new(1.0 + slot.0 as f32, 2.0, 0.0)).collect();
+    let before = lit(backend, &slots, &sources, &sources);
+    let mut calls = 0;
+    while !backend.repair(1).expect("a device that works").is_complete {
+        calls += 1;
+        assert!(calls <= slots.len(), "a round ends");
+    }
+    assert!(backend.drift(2) < DRIFT_MAX, "{}", backend.drift(2));
+    backend.step().expect("a device that works");
+    for (after, before) in read(backend, &slots).iter().zip(&before) {
+        assert!(
+            (*after - *before).abs().max_element() <= 1e-5 * before.max_element(),
+            "{after} for {before}"
+        );
+    }
 }
 
 /// Goal: a slot forgets its patch. Method: a bright patch leaves, a dark one takes its slot.

@@ -8,7 +8,7 @@ pub struct EngineConfig {
     pub seed: u64,
     /// Patches in a session's local matrix (M), 1 to [`Self::RESIDENT_PATCHES_LIMIT`].
     ///
-    /// A session takes `12 M^2` bytes (48 MiB at 2048); an add or removal costs O(M^2).
+    /// A session takes `6 M^2` bytes (25 MiB at 2048); an add or removal costs O(M^2).
     /// - Higher: light from farther away; slower ticks.
     /// - Lower: cheaper ticks; more light is missing beyond the resident set.
     pub resident_patches_max: u32,
@@ -69,7 +69,8 @@ pub struct EngineConfig {
     ///
     /// A measurement costs about as much as one add.
     pub drift_probe_every_swaps: u32,
-    /// Relative rounding above which a session's matrix is solved afresh. O(M^3): keep it far above `f32`'s usual 1e-5.
+    /// Relative rounding above which a session's matrix is repaired, some columns a tick: keep it far above `f32`'s usual
+    /// 1e-5. Above 0.1 it is solved afresh, O(M^3).
     pub drift_max: f32,
 }
 

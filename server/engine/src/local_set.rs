@@ -36,6 +36,8 @@ pub(crate) struct LocalSet {
     /// Whether the backend's matrix or sources changed after its last step.
     pub(crate) needs_step: bool,
     pub(crate) swaps_since_probe: u32,
+    /// Whether a repair of the backend's matrix is under way.
+    pub(crate) is_repairing: bool,
 }
 
 /// What became of patches that were to be added.
@@ -70,6 +72,7 @@ impl LocalSet {
             is_order_old: false,
             needs_step: false,
             swaps_since_probe: 0,
+            is_repairing: false,
         }
     }
 
@@ -283,15 +286,18 @@ impl LocalSet {
             if neighbour == FREE || share == 0.0 {
                 return;
             }
-            row.push((Slot(neighbour), share));
-            if neighbour != slot {
-                let other = self.residents[neighbour as usize].as_ref().expect("a table names taken slots");
-                // Rounding on disk may carry the share of a tiny patch past one.
-                column.push((Slot(neighbour), (share * patch.area / other.patch.area).min(1.0)));
-                self.touched[neighbour as usize] = true;
+            if neighbour == slot {
+                row.push((Slot(neighbour), share));
+                return;
             }
+            let other = self.residents[neighbour as usize].as_ref().expect("a table names taken slots");
+            // Rounding on disk may carry the share of a tiny patch past one; both ways have to stay alike.
+            let share = share.min(other.patch.area / patch.area);
+            row.push((Slot(neighbour), share));
+            column.push((Slot(neighbour), (share * patch.area / other.patch.area).min(1.0)));
+            self.touched[neighbour as usize] = true;
         });
         let reflectance = patch.reflectance.min(Rgb::splat(Patch::REFLECTANCE_MAX));
-        Update::Add { slot: Slot(slot), reflectance, row, column }
+        Update::Add { slot: Slot(slot), reflectance, area: patch.area, row, column }
     }
 }

@@ -12,6 +12,11 @@ use earthshine_radiosity::BackendError;
 use earthshine_world::{Camera, ChunkId, LightRig, Vec3};
 use std::sync::Arc;
 
+/// Columns of a session's matrix that a tick refines while a repair is under way: as much work as so many adds.
+const REPAIR_COLUMNS_A_TICK: u32 = 32;
+/// Drift beyond which a repair, which squares it, would take rounds; then the matrix is solved afresh.
+const REPAIRABLE_DRIFT: f32 = 0.1;
+
 /// A chunk that the session's camera wants, as far as its plan depends on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct WantedChunk {
@@ -246,10 +251,23 @@ impl Session {
             self.drift = local.backend.drift(config.seed.wrapping_add(tick));
             counters.drift_probes += 1;
             if self.drift.is_nan() || self.drift > config.drift_max {
-                local.backend.resolve()?;
-                local.needs_step = true;
                 counters.resolves += 1;
+                local.is_repairing = self.drift <= REPAIRABLE_DRIFT;
+                if !local.is_repairing {
+                    match local.backend.resolve() {
+                        // The matrix is what it was; the next probe asks again.
+                        Err(error @ BackendError::OutOfMemory { .. }) => {
+                            tracing::warn!(drift = self.drift, %error, "drift stays");
+                        }
+                        other => other?,
+                    }
+                    local.needs_step = true;
+                }
             }
+        }
+        if local.is_repairing {
+            local.is_repairing = !local.backend.repair(REPAIR_COLUMNS_A_TICK)?.is_complete;
+            local.needs_step = true;
         }
         if std::mem::take(&mut self.are_sources_old) {
             counters.limited_sources += relight::set_sources(local, &self.rig)?;

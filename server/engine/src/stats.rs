@@ -63,7 +63,7 @@ pub struct Counters {
     pub limited_sources: u64,
     /// Measurements of drift.
     pub drift_probes: u64,
-    /// Fresh solves because of drift.
+    /// Repairs and fresh solves because of drift.
     pub resolves: u64,
     /// Frames published.
     pub frames: u64,

@@ -18,9 +18,12 @@ pub enum Update {
         slot: Slot,
         /// Its diffuse reflectance, 0..=0.98 a channel.
         reflectance: Rgb,
+        /// Its area, m2, above zero.
+        area: f32,
         /// `F[new, j]` for slots `j` that are taken when this update's turn comes, itself included if it sees itself.
         row: Vec<(Slot, f32)>,
-        /// `F[i, new]` for the same slots, itself left out.
+        /// `F[i, new]` for the same slots, itself left out: `area F[new, i] / A_i` within [`RECIPROCITY_TOLERANCE`].
+        /// Where they differ the row counts.
         column: Vec<(Slot, f32)>,
     },
     /// A patch leaves.
@@ -53,6 +56,18 @@ pub struct StepStats {
 /// Smallest pivot `1 - c s` of an add; below it the closed loop would amplify rounding.
 pub const MIN_PIVOT: f32 = 0.05;
 
+/// How much `A_i F_ij` and `A_j F_ji` may differ, as a share of the larger.
+pub const RECIPROCITY_TOLERANCE: f64 = 1e-3;
+
+/// How far a repair has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Repaired {
+    /// Patches whose columns this call refined.
+    pub columns: u32,
+    /// Whether the round is complete: every patch that was resident throughout has had its turn.
+    pub is_complete: bool,
+}
+
 /// Owns the local matrix and the light on it, and advances both.
 ///
 /// A backend holds up to [`capacity`](Self::capacity) resident patches, each in a [`Slot`]. `H[i][j]`
@@ -70,7 +85,8 @@ pub trait Backend: Send {
     ///
     /// # Errors
     /// [`BackendError::SlotTaken`], [`BackendError::SlotFree`], [`BackendError::SlotOutside`],
-    /// [`BackendError::Share`]: after an error nothing of the batch has been applied.
+    /// [`BackendError::Share`], [`BackendError::Area`], [`BackendError::NotFinite`], [`BackendError::NotReciprocal`]:
+    /// after an error nothing of the batch has been applied.
     fn apply(&mut self, updates: &[Update]) -> Result<ApplyStats, BackendError>;
 
     /// Whether a patch holds `slot`.
@@ -87,7 +103,29 @@ pub trait Backend: Send {
         outside_irradiance: &[Rgb],
     ) -> Result<(), BackendError>;
 
-    /// Advances the light by one frame.
+    /// Names the slots whose light is wanted from now on; `None`, the default, is all.
+    ///
+    /// A step evaluates at least these. What it leaves out keeps the irradiance of an earlier step, zero if there was
+    /// none, and [`is_current`](Self::is_current) tells. A slot that is wanted and not current is evaluated by the next
+    /// step even if nothing else has changed. Interest is in slots, taken or not, and stays when patches come and go.
+    /// A backend may evaluate everything always: so does this default.
+    ///
+    /// # Errors
+    /// [`BackendError::SlotOutside`]: the interest stays what it was.
+    fn set_interest(&mut self, slots: Option<&[Slot]>) -> Result<(), BackendError> {
+        let beyond = |slot: &&Slot| slot.0 >= self.capacity();
+        match slots.and_then(|slots| slots.iter().find(beyond)) {
+            Some(&slot) => Err(BackendError::SlotOutside(slot, self.capacity())),
+            None => Ok(()),
+        }
+    }
+
+    /// Whether the irradiance of `slot` is that of the last step, not of an earlier one.
+    fn is_current(&self, slot: Slot) -> bool {
+        self.is_taken(slot)
+    }
+
+    /// Advances the light by one frame, for the slots of interest.
     ///
     /// # Errors
     /// None on the CPU; a lost device elsewhere.
@@ -103,10 +141,21 @@ pub trait Backend: Send {
     /// carried `H` from the matrix it stands for. O(M^2).
     fn drift(&mut self, seed: u64) -> f32;
 
+    /// Brings `H` back towards the matrix it stands for, a few columns a call: bounded work for the frame path. A round
+    /// of calls, until [`Repaired::is_complete`], about squares a drift below 0.1, down to rounding; for more there is
+    /// [`resolve`](Self::resolve), which is also the default of this. O(M^2) a column.
+    ///
+    /// # Errors
+    /// As [`resolve`](Self::resolve).
+    fn repair(&mut self, columns_max: u32) -> Result<Repaired, BackendError> {
+        let _ = columns_max;
+        self.resolve().map(|()| Repaired { columns: self.capacity(), is_complete: true })
+    }
+
     /// Solves `H` afresh from the resident rows, in f64. O(M^3): rare, off the frame path where it can be.
     ///
     /// # Errors
-    /// None on the CPU; a lost device elsewhere.
+    /// [`BackendError::OutOfMemory`]: `H` is as it was, and goes on being of use. A lost device elsewhere.
     fn resolve(&mut self) -> Result<(), BackendError>;
 }
 
@@ -125,6 +174,29 @@ pub enum BackendError {
     /// A form factor that is negative, above one, or not a number.
     #[error("form factor {1} of slot {0:?} is not a share")]
     Share(Slot, f32),
+    /// An area that is not above zero, or not a number.
+    #[error("area {1} m2 of slot {0:?} is not above zero and finite")]
+    Area(Slot, f32),
+    /// A row and a column that contradict each other: what two patches exchange is the same both ways.
+    #[error("slots {slot:?} and {other:?} exchange {forth} m2 one way and {back} m2 the other")]
+    NotReciprocal {
+        /// The new patch.
+        slot: Slot,
+        /// Whom it sees, or who sees it.
+        other: Slot,
+        /// `A_new F[new, other]`, m2.
+        forth: f64,
+        /// `A_other F[other, new]`, m2.
+        back: f64,
+    },
+    /// Memory that cannot be had.
+    #[error("no memory for {bytes} bytes, for a local matrix of {slots} slots; use fewer slots")]
+    OutOfMemory {
+        /// Slots of the matrix.
+        slots: u32,
+        /// Bytes asked for.
+        bytes: u64,
+    },
     /// Light or reflectance that is not a number.
     #[error("light of slot {0:?} is negative or not finite")]
     NotFinite(Slot),

@@ -26,6 +26,17 @@ impl ClosedBox {
     /// A room of `patch_count` patches at seeded places, areas within a factor of three.
     #[must_use]
     pub fn new(patch_count: usize, seed: u64) -> Self {
+        Self::build(patch_count, seed, |number| 0.5 + number)
+    }
+
+    /// A room whose areas are spread evenly in their logarithms over a ratio of `least` to one.
+    #[must_use]
+    pub fn uneven(patch_count: usize, seed: u64, least: f32) -> Self {
+        Self::build(patch_count, seed, |number| least.powf(number))
+    }
+
+    /// Patches of `spread` times an even share of the walls, given a seeded number in 0..1.
+    fn build(patch_count: usize, seed: u64, spread: impl Fn(f32) -> f32) -> Self {
         let mut room = Self {
             seed,
             positions: Vec::with_capacity(patch_count),
@@ -41,8 +52,8 @@ impl ClosedBox {
             position[(wall.axis() + 2) % 3] = t;
             room.positions.push(position);
             room.normals.push(wall.vector());
-            let spread = 0.5 + unit_f32(hash(seed, Purpose::WorldShape, patch as u64, 1));
-            room.areas.push(6.0 / patch_count as f32 * spread);
+            let number = unit_f32(hash(seed, Purpose::WorldShape, patch as u64, 1));
+            room.areas.push(6.0 / patch_count as f32 * spread(number));
         }
         room.normalise();
         room

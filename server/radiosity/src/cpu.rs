@@ -3,7 +3,10 @@
 //! It checks what callers send, cuts updates into blocks for [`LocalMatrix`], and keeps the light. All
 //! arithmetic on `H` is there, not here.
 
-use crate::backend::{ApplyStats, Backend, BackendError, Slot, StepStats, Update};
+use crate::backend::{
+    ApplyStats, Backend, BackendError, RECIPROCITY_TOLERANCE, Repaired, Slot, StepStats, Update,
+};
+use crate::dense::DenseError;
 use crate::local_matrix::{Arrival, CapacityError, LocalMatrix};
 use earthshine_world::Rgb;
 
@@ -18,14 +21,21 @@ pub struct CpuBackend {
     sent: Vec<f32>,
     /// `H` times that.
     received: Vec<f32>,
-    /// Slots as a batch will leave them, while it is checked.
-    planned: Vec<bool>,
+    /// Areas as a batch will leave them, 0 for free slots, while it is checked.
+    planned: Vec<f32>,
+    /// What a patch that is checked exchanges with each slot, m2: there, and back. Zero between checks.
+    exchange: Vec<[f64; 2]>,
+    /// Slots of interest, if not all are.
+    wanted: Option<Vec<bool>>,
+    /// Slots that the last step evaluated.
+    current: Vec<bool>,
+    lit: Vec<bool>,
     lit_columns: u32,
     changed: bool,
 }
 
 impl CpuBackend {
-    /// An empty backend of `capacity` slots: `12 capacity^2` bytes, zeroed here.
+    /// An empty backend of `capacity` slots: `6 capacity^2` bytes and a little, zeroed here.
     ///
     /// # Errors
     /// [`CapacityError`] for no slots, more than [`LocalMatrix::CAPACITY_MAX`], or more than memory holds.
@@ -36,9 +46,13 @@ impl CpuBackend {
             direct_exitance: vec![Rgb::ZERO; slots],
             outside_irradiance: vec![Rgb::ZERO; slots],
             irradiance: vec![Rgb::ZERO; slots],
-            sent: vec![0.0; matrix.vector_len()],
+            sent: vec![0.0; slots],
             received: vec![0.0; slots],
-            planned: vec![false; slots],
+            planned: vec![0.0; slots],
+            exchange: vec![[0.0; 2]; slots],
+            wanted: None,
+            current: vec![false; slots],
+            lit: vec![false; slots],
             lit_columns: 0,
             changed: true,
             matrix,
@@ -51,7 +65,8 @@ impl CpuBackend {
         &self.matrix
     }
 
-    /// The matrix, to multiply with: for benches.
+    /// The matrix, to spoil: for tests.
+    #[cfg(test)]
     pub(crate) fn matrix_mut(&mut self) -> &mut LocalMatrix {
         &mut self.matrix
     }
@@ -69,13 +84,13 @@ impl CpuBackend {
     /// Whether a batch can be applied, refusals aside: nothing is changed unless all of it can.
     fn check(&mut self, updates: &[Update]) -> Result<(), BackendError> {
         for (slot, planned) in self.planned.iter_mut().enumerate() {
-            *planned = self.matrix.is_taken(Slot(slot as u32));
+            *planned = self.matrix.area(Slot(slot as u32));
         }
         for update in updates {
             match update {
-                Update::Add { slot, reflectance, row, column } => {
+                Update::Add { slot, reflectance, area, row, column } => {
                     let at = self.within(*slot)?;
-                    if self.planned[at] {
+                    if self.planned[at] != 0.0 {
                         return Err(BackendError::SlotTaken(*slot));
                     }
                     if !(reflectance.is_finite()
@@ -84,13 +99,17 @@ impl CpuBackend {
                     {
                         return Err(BackendError::NotFinite(*slot));
                     }
+                    if !(area.is_finite() && *area > 0.0) {
+                        return Err(BackendError::Area(*slot, *area));
+                    }
                     self.check_shares(column)?;
-                    self.planned[at] = true;
+                    self.planned[at] = *area;
                     self.check_shares(row)?;
+                    self.check_exchange(*slot, row, column)?;
                 }
                 Update::Remove { slot } => {
                     let at = self.within(*slot)?;
-                    if !std::mem::take(&mut self.planned[at]) {
+                    if std::mem::take(&mut self.planned[at]) == 0.0 {
                         return Err(BackendError::SlotFree(*slot));
                     }
                 }
@@ -101,7 +120,7 @@ impl CpuBackend {
 
     fn check_shares(&self, entries: &[(Slot, f32)]) -> Result<(), BackendError> {
         for &(slot, share) in entries {
-            if !self.planned[self.within(slot)?] {
+            if self.planned[self.within(slot)?] == 0.0 {
                 return Err(BackendError::SlotFree(slot));
             }
             if !(0.0..=1.0).contains(&share) {
@@ -111,6 +130,31 @@ impl CpuBackend {
         Ok(())
     }
 
+    /// What goes out by the row comes back by the column. Slots may be named twice, in any order.
+    fn check_exchange(
+        &mut self,
+        slot: Slot,
+        row: &[(Slot, f32)],
+        column: &[(Slot, f32)],
+    ) -> Result<(), BackendError> {
+        let area = f64::from(self.planned[slot.0 as usize]);
+        for &(other, share) in row.iter().filter(|(other, _)| *other != slot) {
+            self.exchange[other.0 as usize][0] += area * f64::from(share);
+        }
+        for &(other, share) in column {
+            let area = f64::from(self.planned[other.0 as usize]);
+            self.exchange[other.0 as usize][1] += area * f64::from(share);
+        }
+        let mut result = Ok(());
+        for &(other, _) in row.iter().chain(column) {
+            let [forth, back] = std::mem::take(&mut self.exchange[other.0 as usize]);
+            if result.is_ok() && (forth - back).abs() > RECIPROCITY_TOLERANCE * forth.max(back) {
+                result = Err(BackendError::NotReciprocal { slot, other, forth, back });
+            }
+        }
+        result
+    }
+
     /// Applies updates of one kind, at most a block of them.
     fn apply_block(&mut self, updates: &[Update], stats: &mut ApplyStats) {
         let mut arrivals = [const { Arrival::NOBODY }; LocalMatrix::BLOCK_MAX];
@@ -118,8 +162,9 @@ impl CpuBackend {
         let (mut arrival_count, mut leaving_count) = (0, 0);
         for update in updates {
             match update {
-                Update::Add { slot, reflectance, row, column } => {
-                    arrivals[arrival_count] = Arrival { slot: *slot, reflectance: *reflectance, row, column };
+                Update::Add { slot, reflectance, area, row, column: _ } => {
+                    let (slot, reflectance, area) = (*slot, *reflectance, *area);
+                    arrivals[arrival_count] = Arrival { slot, reflectance, area, row };
                     arrival_count += 1;
                 }
                 // A patch that was refused earlier in the batch has left already.
@@ -194,26 +239,49 @@ impl Backend for CpuBackend {
         Ok(())
     }
 
+    fn set_interest(&mut self, slots: Option<&[Slot]>) -> Result<(), BackendError> {
+        let Some(slots) = slots else {
+            self.wanted = None;
+            return Ok(());
+        };
+        for &slot in slots {
+            self.within(slot)?;
+        }
+        let wanted = self.wanted.get_or_insert_with(|| vec![false; self.planned.len()]);
+        wanted.fill(false);
+        slots.iter().for_each(|slot| wanted[slot.0 as usize] = true);
+        Ok(())
+    }
+
+    fn is_current(&self, slot: Slot) -> bool {
+        self.matrix.is_taken(slot) && self.current[slot.0 as usize]
+    }
+
     fn step(&mut self) -> Result<StepStats, BackendError> {
-        let recomputed = std::mem::take(&mut self.changed);
+        let wanted = self.wanted.as_deref();
+        let is_wanted = |slot: usize| wanted.is_none_or(|wanted| wanted[slot]);
+        let is_missing = |slot: Slot| is_wanted(slot.0 as usize) && !self.current[slot.0 as usize];
+        let recomputed = self.changed || self.matrix.taken_slots().any(is_missing);
         if recomputed {
-            let mut lit = std::mem::take(&mut self.planned);
-            lit.fill(false);
+            self.changed = false;
+            self.lit.fill(false);
             for channel in 0..3 {
-                for (slot, lit) in lit.iter_mut().enumerate() {
+                for (slot, lit) in self.lit.iter_mut().enumerate() {
                     let reflectance = self.matrix.reflectance(Slot(slot as u32))[channel];
                     let outside = self.outside_irradiance[slot][channel];
                     let sent = self.direct_exitance[slot][channel] + reflectance * outside;
                     self.sent[slot] = sent;
                     *lit |= sent != 0.0;
                 }
-                self.matrix.multiply(channel, &self.sent, &mut self.received);
+                self.matrix.multiply_rows(channel, &self.sent, wanted, &mut self.received);
                 for (slot, irradiance) in self.irradiance.iter_mut().enumerate() {
-                    irradiance[channel] = self.received[slot] + self.outside_irradiance[slot][channel];
+                    if is_wanted(slot) {
+                        irradiance[channel] = self.received[slot] + self.outside_irradiance[slot][channel];
+                    }
                 }
             }
-            self.lit_columns = lit.iter().filter(|&&lit| lit).count() as u32;
-            self.planned = lit;
+            self.current.iter_mut().enumerate().for_each(|(slot, current)| *current = is_wanted(slot));
+            self.lit_columns = self.lit.iter().filter(|&&lit| lit).count() as u32;
         }
         Ok(StepStats { lit_columns: self.lit_columns, recomputed })
     }
@@ -235,10 +303,21 @@ impl Backend for CpuBackend {
         self.matrix.drift(seed)
     }
 
-    /// A system too large for memory or made singular by rounding leaves `H` as it was; [`Backend::drift`] tells.
+    fn repair(&mut self, columns_max: u32) -> Result<Repaired, BackendError> {
+        let repaired = self.matrix.repair(columns_max);
+        self.changed |= repaired.columns > 0;
+        Ok(repaired)
+    }
+
+    /// A system made singular by rounding leaves `H` as it was; [`Backend::drift`] tells.
     fn resolve(&mut self) -> Result<(), BackendError> {
-        if self.matrix.resolve().is_ok() {
-            self.changed = true;
+        match self.matrix.resolve() {
+            Ok(()) => self.changed = true,
+            Err(DenseError::Singular(_)) => {}
+            Err(DenseError::Memory { rows, columns }) => {
+                let bytes = 8 * rows as u64 * columns as u64;
+                return Err(BackendError::OutOfMemory { slots: self.capacity(), bytes });
+            }
         }
         Ok(())
     }

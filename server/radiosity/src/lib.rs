@@ -13,7 +13,7 @@
 //! | to | use |
 //! |---|---|
 //! | stream patches in and out and light them | [`Backend`], [`CpuBackend`] |
-//! | work on `H` itself | [`LocalMatrix`]: exact block updates, products, drift probe, fresh solve |
+//! | work on `H` itself | [`LocalMatrix`]: exact block updates, products, drift probe, repair, fresh solve |
 //! | light a whole world at once | [`gather::gather`] over [`gather::SparseRows`] |
 //! | have the truth for a few hundred patches | [`multibounce::multibounce`], [`multibounce::series`] |
 //! | know a form factor in closed form, or join two estimates | [`form_factor`] |
@@ -27,6 +27,7 @@ mod buffer;
 pub mod closed_box;
 mod cpu;
 pub mod dense;
+mod exchange;
 pub mod form_factor;
 pub mod gather;
 pub mod invariant;
@@ -35,7 +36,10 @@ pub mod local_matrix;
 pub mod multibounce;
 mod resident_rows;
 mod simd;
+mod tile_kernel;
 
-pub use backend::{ApplyStats, Backend, BackendError, MIN_PIVOT, Slot, StepStats, Update};
+pub use backend::{
+    ApplyStats, Backend, BackendError, MIN_PIVOT, RECIPROCITY_TOLERANCE, Repaired, Slot, StepStats, Update,
+};
 pub use cpu::CpuBackend;
 pub use local_matrix::{Arrival, CapacityError, LocalMatrix};

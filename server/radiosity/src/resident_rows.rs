@@ -55,7 +55,7 @@ impl ResidentRows {
     }
 
     /// Live entries of `row`: column, form factor. A column may come twice; its shares add up.
-    pub(crate) fn row(&self, row: usize) -> impl Iterator<Item = (usize, f32)> + '_ {
+    pub(crate) fn row(&self, row: usize) -> impl Iterator<Item = (usize, f32)> + Clone + '_ {
         self.rows[row]
             .iter()
             .filter(|entry| self.tenants[usize::from(entry.slot)] == entry.tenant)

@@ -57,9 +57,24 @@ fn bad_batches(size: u32) -> Vec<(Vec<Update>, BackendError)> {
             (after(add(5, 0.5, vec![], entry(-0.5))), BackendError::Share(Slot(1), -0.5)),
             (vec![remove(1), add(5, 0.5, entry(0.5), vec![])], BackendError::SlotFree(Slot(1))),
             (vec![add(5, 0.5, vec![], vec![(Slot(5), 0.5)])], BackendError::SlotFree(Slot(5))),
+            (after(one_sided()), NOT_RECIPROCAL),
+            (after(without_area(-1.0)), BackendError::Area(Slot(5), -1.0)),
         ]);
     }
     batches
+}
+
+/// Sees a patch that does not see it.
+fn one_sided() -> Update {
+    add(5, 0.5, vec![(Slot(0), 0.5)], vec![])
+}
+
+/// What [`one_sided`] is refused with; areas are 1 m2 here.
+const NOT_RECIPROCAL: BackendError =
+    BackendError::NotReciprocal { slot: Slot(5), other: Slot(0), forth: 0.5, back: 0.0 };
+
+fn without_area(area: f32) -> Update {
+    Update::Add { slot: Slot(5), reflectance: Rgb::splat(0.5), area, row: vec![], column: vec![] }
 }
 
 fn bad_sources(backend: &mut dyn Backend, slots: &[Slot], before: &[Rgb]) {

@@ -54,9 +54,9 @@ impl FlawedBackend {
     fn spoilt(&self, update: &Update) -> Option<Update> {
         match (self.flaw, update) {
             (Flaw::ForgetsRemovals, Update::Remove { .. }) => None,
-            (Flaw::DropsColumns, Update::Add { slot, reflectance, row, .. }) => {
-                let (slot, reflectance, row) = (*slot, *reflectance, row.clone());
-                Some(Update::Add { slot, reflectance, row, column: Vec::new() })
+            (Flaw::DropsColumns, Update::Add { slot, reflectance, area, row, .. }) => {
+                let (slot, reflectance, area, row) = (*slot, *reflectance, *area, row.clone());
+                Some(Update::Add { slot, reflectance, area, row, column: Vec::new() })
             }
             _ => Some(update.clone()),
         }

@@ -69,7 +69,7 @@ impl GatherBackend {
                 }
                 stats.removed += 1;
             }
-            Update::Add { slot, reflectance, row, column } => {
+            Update::Add { slot, reflectance, area: _, row, column } => {
                 self.check(*slot, false)?;
                 for &(other, share) in row.iter().chain(column) {
                     if other != *slot && self.faults.is_strict {

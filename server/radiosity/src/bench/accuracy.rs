@@ -7,7 +7,7 @@ use crate::local_matrix::{Arrival, LocalMatrix};
 
 /// Swap counts at which the error is looked at, besides the last.
 const CURVE: [u32; 5] = [10, 100, 1_000, 4_000, 40_000];
-/// Swaps between drift probes, and the drift that calls for a fresh solve.
+/// Swaps between drift probes, and the drift that calls for a repair: the service's defaults.
 const PROBE_SWAPS: u32 = 1_000;
 const DRIFT_MAX: f32 = 1e-4;
 
@@ -37,7 +37,7 @@ pub(super) fn measure(m: u32, swaps: u32, block: usize, seed: u64) -> Result<Acc
         let before = done;
         done += count as u32;
         if before / PROBE_SWAPS != done / PROBE_SWAPS && backend.drift(seed + u64::from(done)) > DRIFT_MAX {
-            backend.resolve()?;
+            while !backend.repair(LocalMatrix::BLOCK_MAX as u32)?.is_complete {}
             repairs += 1;
         }
         if done == stop {
@@ -66,8 +66,9 @@ fn apply(
     backend.apply(updates)?;
     for update in updates {
         match update {
-            Update::Add { slot, reflectance, row, column } => {
-                truncated.add_truncated(&Arrival { slot: *slot, reflectance: *reflectance, row, column });
+            Update::Add { slot, reflectance, area, row, column: _ } => {
+                let (slot, reflectance, area) = (*slot, *reflectance, *area);
+                truncated.add_truncated(&Arrival { slot, reflectance, area, row });
             }
             Update::Remove { slot } => truncated.remove_truncated(*slot),
         }

@@ -3,7 +3,8 @@
 //! Two rooms, because the questions want different sizes. *Accuracy*: a [`ClosedBox`] of twice as many
 //! patches as slots (at most [`ACCURACY_SLOTS_MAX`]), seeded swaps, a fresh `f64` solve to compare with, the
 //! sources' truncated update beside it. *Time*: a box for `m` slots, blocks and single swaps on a full matrix.
-//! The box is the dense worst case: every patch sees five sixths of the others.
+//! The box is the dense worst case: every patch sees five sixths of the others. `sparse_add_ms` is for rows that see an
+//! eighth of that.
 //!
 //! There is no clock in this package: the caller passes one.
 
@@ -14,6 +15,7 @@ mod tests;
 mod timing;
 
 pub use streamed::Streamed;
+pub use timing::Timing;
 
 use crate::backend::BackendError;
 use crate::closed_box::ClosedBox;
@@ -35,7 +37,7 @@ pub struct MatrixBenchParams<'a> {
     /// Of everything random.
     pub seed: u64,
     /// Seconds since some moment; never goes back.
-    pub clock: &'a dyn Fn() -> f64,
+    pub clock: &'a (dyn Fn() -> f64 + Sync),
 }
 
 impl std::fmt::Debug for MatrixBenchParams<'_> {
@@ -70,22 +72,12 @@ pub struct MatrixFigures {
     pub curve: Vec<ErrorPoint>,
     /// The drift probe after all swaps.
     pub drift_rel: f64,
-    /// Fresh solves that the probe called for.
+    /// Repairs that the probe called for.
     pub repairs: u32,
-    /// One patch out and one in, singly, on `m` slots, ms.
-    pub swap_ms: f64,
-    /// Per patch of a block that leaves and a block that enters, ms: time of both over patches of both.
-    pub block_patch_ms: f64,
-    /// Per patch of a block that enters, ms.
-    pub block_add_ms: f64,
-    /// Per patch of a block that leaves, ms.
-    pub block_remove_ms: f64,
-    /// Bytes of `H` read a second by the full product, GB/s.
-    pub product_gb_s: f64,
-    /// Bytes read and written a second by a plain parallel copy, GB/s.
-    pub copy_gb_s: f64,
-    /// Threads that rayon had.
-    pub threads: usize,
+    /// On all threads of the current pool.
+    pub timing: Timing,
+    /// On one thread.
+    pub one_core: Timing,
 }
 
 /// Why nothing was measured.
@@ -100,6 +92,9 @@ pub enum MatrixBenchError {
     /// No fresh solve to compare with.
     #[error(transparent)]
     Dense(#[from] DenseError),
+    /// No thread for the figures of one core.
+    #[error("no pool of one thread: {0}")]
+    Threads(String),
 }
 
 /// Measures both parts.
@@ -109,7 +104,11 @@ pub enum MatrixBenchError {
 pub fn measure_matrix(params: MatrixBenchParams<'_>) -> Result<MatrixFigures, MatrixBenchError> {
     let block = (params.block.clamp(1, LocalMatrix::BLOCK_MAX as u32) as usize).min(params.m.max(1) as usize);
     let accuracy = accuracy::measure(params.m.min(ACCURACY_SLOTS_MAX), params.swaps, block, params.seed)?;
-    let timing = timing::measure(params.m, block, params.seed, params.clock)?;
+    let mut bench = timing::Bench::new(params.m, block, params.seed, params.clock)?;
+    let timing = bench.measure()?;
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+    let one = one.map_err(|error| MatrixBenchError::Threads(error.to_string()))?;
+    let one_core = one.install(|| bench.measure())?;
     Ok(MatrixFigures {
         accuracy_m: params.m.min(ACCURACY_SLOTS_MAX),
         exact_error_rel: accuracy.exact_rel,
@@ -118,12 +117,7 @@ pub fn measure_matrix(params: MatrixBenchParams<'_>) -> Result<MatrixFigures, Ma
         curve: accuracy.curve,
         drift_rel: accuracy.drift_rel,
         repairs: accuracy.repairs,
-        swap_ms: timing.swap_ms,
-        block_patch_ms: (timing.add_ms + timing.remove_ms) / 2.0,
-        block_add_ms: timing.add_ms,
-        block_remove_ms: timing.remove_ms,
-        product_gb_s: timing.product_gb_s,
-        copy_gb_s: timing.copy_gb_s,
-        threads: rayon::current_num_threads(),
+        timing,
+        one_core,
     })
 }

@@ -46,6 +46,12 @@ impl Streamed {
         &self.room
     }
 
+    /// The room's patch in `slot`.
+    #[must_use]
+    pub fn patch(&self, slot: Slot) -> Option<usize> {
+        self.resident.get(slot.0 as usize).copied().flatten()
+    }
+
     /// Taken slots, ascending.
     #[must_use]
     pub fn taken(&self) -> Vec<Slot> {
@@ -107,7 +113,8 @@ impl Streamed {
             }
         }
         self.resident[slot.0 as usize] = Some(patch);
-        Update::Add { slot, reflectance: self.room.reflectance(patch), row, column }
+        let (reflectance, area) = (self.room.reflectance(patch), self.room.area(patch));
+        Update::Add { slot, reflectance, area, row, column }
     }
 
     /// `H` of one channel by a fresh `f64` solve, residents in the order of their slots.

@@ -1,17 +1,14 @@
 //! The bench itself: that it measures what it says.
 
 use super::*;
-use std::cell::Cell;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 /// Goal: DESIGN's promise, error at most 1e-5 where the sources' update is off by tens of percent.
 /// Method: the bench, 2,000 swaps of 120 slots in blocks of 7, a clock that only counts.
 #[test]
 fn exact_updates_stay_exact_and_truncated_ones_do_not() {
-    let ticks = Cell::new(0.0);
-    let clock = || {
-        ticks.set(ticks.get() + 1.0);
-        ticks.get()
-    };
+    let ticks = AtomicU32::new(0);
+    let clock = || f64::from(ticks.fetch_add(1, Ordering::Relaxed));
     let figures =
         measure_matrix(MatrixBenchParams { m: 120, swaps: 2_000, block: 7, seed: 1, clock: &clock })
             .expect("a small bench");
@@ -20,7 +17,9 @@ fn exact_updates_stay_exact_and_truncated_ones_do_not() {
     assert!(figures.truncated_error_rel > 0.1, "{figures:?}");
     let swaps: Vec<u32> = figures.curve.iter().map(|point| point.swaps).collect();
     assert_eq!(swaps, [10, 100, 1_000, 2_000]);
-    assert!((figures.block_add_ms - 1_000.0 / 7.0).abs() < 1e-9, "one tick for seven patches");
+    assert!((figures.timing.add_ms - 1_000.0 / 7.0).abs() < 1e-9, "one tick for seven patches");
+    assert_eq!(figures.one_core.threads, 1);
+    assert!((1..=30).contains(&figures.timing.seen_columns), "{}", figures.timing.seen_columns);
 }
 
 #[test]

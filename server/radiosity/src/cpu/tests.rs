@@ -10,7 +10,8 @@ fn furnace(patches: usize, reflectance: f32) -> (CpuBackend, Vec<Slot>) {
     for i in 0..patches {
         let row = (0..i).map(|j| (Slot(j as u32), room.form_factor(i, j))).collect();
         let column = (0..i).map(|j| (Slot(j as u32), room.form_factor(j, i))).collect();
-        let update = Update::Add { slot: Slot(i as u32), reflectance: Rgb::splat(reflectance), row, column };
+        let (slot, reflectance) = (Slot(i as u32), Rgb::splat(reflectance));
+        let update = Update::Add { slot, reflectance, area: room.area(i), row, column };
         assert_eq!(backend.apply(&[update]).expect("a new patch").added, 1);
     }
     (backend, (0..patches as u32).map(Slot).collect())
@@ -71,10 +72,11 @@ fn an_error_leaves_no_trace() {
     let add = |slot: u32, row: Vec<(Slot, f32)>, column: Vec<(Slot, f32)>| Update::Add {
         slot: Slot(slot),
         reflectance: Rgb::splat(0.5),
+        area: 0.1,
         row,
         column,
     };
-    let good = [Update::Remove { slot: Slot(7) }, add(5, vec![(Slot(5), 0.1), (Slot(1), 0.1)], vec![])];
+    let good = [Update::Remove { slot: Slot(7) }, add(5, vec![(Slot(5), 0.1)], vec![])];
     let bad = [
         (add(8, vec![], vec![]), BackendError::SlotTaken(Slot(8))),
         (add(24, vec![], vec![]), BackendError::SlotOutside(Slot(24), 24)),
@@ -90,8 +92,13 @@ fn an_error_leaves_no_trace() {
         assert_eq!(backend.apply(&batch), Err(expected));
         assert_eq!(backend.step().map(|stats| stats.recomputed), Ok(false));
     }
-    let unreal =
-        Update::Add { slot: Slot(5), reflectance: Rgb::splat(f32::NAN), row: vec![], column: vec![] };
+    let unreal = Update::Add {
+        slot: Slot(5),
+        reflectance: Rgb::splat(f32::NAN),
+        area: 0.1,
+        row: vec![],
+        column: vec![],
+    };
     assert_eq!(backend.apply(&[unreal]), Err(BackendError::NotFinite(Slot(5))));
     let two = [Slot(0), Slot(5)];
     assert_eq!(
@@ -117,6 +124,7 @@ fn a_weak_pivot_is_refused_and_counted() {
     let add = |slot: u32, row: Vec<(Slot, f32)>, column| Update::Add {
         slot: Slot(slot),
         reflectance: mirror,
+        area: 2.0,
         row,
         column,
     };
@@ -185,4 +193,69 @@ fn the_probe_finds_a_fault_and_resolve_repairs_it() {
     assert!(error.frobenius_rel < 1e-6, "{error:?}");
     backend.matrix_mut().corrupt(2, row, row, f32::NAN);
     assert_eq!(backend.drift(1), f32::INFINITY);
+}
+
+/// Goal: a column that contradicts its row is refused, one that differs by rounding is not. Method: the same patch
+/// with its column off by more and by less than the tolerance; areas four decades apart, and a slot named twice.
+#[test]
+fn what_two_patches_exchange_is_the_same_both_ways() {
+    let mut backend = CpuBackend::new(4).expect("small");
+    let add = |slot: u32, area: f32, row: &[(u32, f32)], column: &[(u32, f32)]| Update::Add {
+        slot: Slot(slot),
+        reflectance: Rgb::splat(0.5),
+        area,
+        row: row.iter().map(|&(slot, share)| (Slot(slot), share)).collect(),
+        column: column.iter().map(|&(slot, share)| (Slot(slot), share)).collect(),
+    };
+    backend.apply(&[add(0, 1.0, &[], &[])]).expect("free");
+    let small = |column: f32| add(1, 1e-4, &[(0, 0.25), (0, 0.25)], &[(0, column)]);
+    for column in [0.6e-4, 0.4e-4, 0.0] {
+        let error = backend.apply(&[small(column)]).expect_err("one-sided");
+        assert!(
+            matches!(error, BackendError::NotReciprocal { slot: Slot(1), other: Slot(0), .. }),
+            "{error}"
+        );
+    }
+    let blind = add(1, 1e-4, &[], &[(0, 0.5e-4)]);
+    assert!(matches!(backend.apply(&[blind]), Err(BackendError::NotReciprocal { .. })));
+    for area in [0.0, -1.0, f32::NAN, f32::INFINITY] {
+        let error = backend.apply(&[add(1, area, &[], &[])]).expect_err("no area");
+        assert!(matches!(error, BackendError::Area(Slot(1), _)), "{error}");
+    }
+    assert!(!backend.is_taken(Slot(1)));
+    // A tenant of the same batch counts with its own area, not with that of whom it replaces.
+    let replaced = [Update::Remove { slot: Slot(0) }, add(0, 2.0, &[], &[]), small(0.25e-4 * 1.0005)];
+    backend.apply(&replaced).expect("reciprocal within the tolerance");
+    let entry = |backend: &CpuBackend, i: u32, j: u32| backend.matrix().entry(1, Slot(i), Slot(j));
+    let (forth, back) = (1e-4 * entry(&backend, 1, 0), 2.0 * entry(&backend, 0, 1));
+    assert!((forth - back).abs() < 1e-6 * forth && forth > 0.0, "{forth} {back}");
+    assert!(backend.drift(1) < 1e-6);
+}
+
+/// Goal: interest saves work and never changes light. Method: a few rows of interest against a twin that evaluates
+/// all; what is left out keeps its light and says so, and is made up for when it becomes of interest.
+#[test]
+fn rows_of_no_interest_wait() {
+    let (mut backend, slots) = furnace(150, 0.5);
+    let (mut twin, _) = furnace(150, 0.5);
+    let first = light_up(&mut backend, &slots, Rgb::ONE, Rgb::ZERO);
+    let interest = [Slot(3), Slot(70), Slot(149)];
+    backend.set_interest(Some(&interest)).expect("within the capacity");
+    assert_eq!(backend.step().map(|stats| stats.recomputed), Ok(false), "nothing wanted is missing");
+    assert!(backend.is_current(Slot(4)));
+    let second = light_up(&mut backend, &slots, Rgb::new(2.0, 0.0, 1.0), Rgb::splat(0.25));
+    let all = light_up(&mut twin, &slots, Rgb::new(2.0, 0.0, 1.0), Rgb::splat(0.25));
+    for (&slot, (first, (second, all))) in slots.iter().zip(first.iter().zip(second.iter().zip(&all))) {
+        let is_wanted = interest.contains(&slot);
+        assert_eq!(backend.is_current(slot), is_wanted, "{slot:?}");
+        assert!(second == if is_wanted { all } else { first }, "{slot:?}: {second} of {first}, {all}");
+    }
+    assert!(backend.set_interest(Some(&[Slot(150)])).is_err());
+    backend.set_interest(None).expect("all");
+    assert_eq!(backend.step().map(|stats| stats.recomputed), Ok(true), "what was left out is wanted now");
+    let mut third = vec![Rgb::ZERO; slots.len()];
+    backend.read_irradiance(&slots, &mut third).expect("taken");
+    assert!(third == all && slots.iter().all(|&slot| backend.is_current(slot)));
+    backend.apply(&[Update::Remove { slot: Slot(9) }]).expect("taken");
+    assert!(!backend.is_current(Slot(9)));
 }

@@ -1,27 +1,29 @@
 //! Patches enter: the bordered inverse, a block at a time.
 //!
-//! With the new patches' columns `f_c` and rows `f_r` of `F` over the residents, `f_s` among themselves, `c`
-//! their reflectance:
+//! With `X = A_new f_r` the new patches' exchange with the residents (m2), `X_s` that among themselves, `c` their
+//! reflectance and `R` the residents':
 //!
 //! ```text
-//! U = f_c + H R f_c        S = f_s + f_r R U        G = (Id - c S)^-1
-//! V = f_r + f_r R H                                 L = (Id - S c)^-1 = Id + S G c
+//! W = X' + G R A^-1 X'          columns of G before the loop is closed
+//! T = X_s + X R A^-1 W          light that returns to the new patches: A_new S, symmetric
+//! N = (Id - c A_new^-1 T)^-1    K = N c A_new^-1, symmetric
 //!
-//! H += U G c V      H[:, new] = U G      H[new, :] = L V      H[new, new] = S G
+//! G += W K W'      G[:, new] = W N      G[new, new] = T N
 //! ```
 //!
-//! For one patch this is DESIGN's `k = 1 / (1 - c s)`. The third equation rides on the first: rows of `new`
-//! are zero before, so with `L` for their rows of `U G c` the same pass fills them.
+//! For one patch this is DESIGN's `k = 1 / (1 - c s)`: `N = k`, `K = c k / A`. Its row `v` is its column `u` by
+//! reciprocity, so one product serves both.
 
-use super::block::{ABSENT, Workspace, find_lit, panel_index, row_products};
-use super::capacitance::{SmallMatrices, product};
-use super::{Arrival, BAND_ROWS, LocalMatrix, TILE};
+use super::capacitance::{SmallMatrices, product, symmetrise};
+use super::workspace::{ABSENT, STRIPE_COLUMNS, Workspace, times_small};
+use super::{Arrival, LocalMatrix};
 use crate::backend::MIN_PIVOT;
-use crate::kernel::{GatherColumns, ROW_GROUP, Scalar, ScatterRows};
-use rayon::prelude::*;
+use crate::exchange::{BLOCK, TILE_EDGE};
+use crate::kernel::Scalar;
+use crate::tile_kernel::BlockProduct;
 
-/// Up to this size a block's columns are single products: cheaper than a tile mostly empty.
-const GATHER_SINGLY_MAX: usize = 3;
+/// Up to this size a block's columns are single products: cheaper than columns mostly empty.
+const GATHER_SINGLY_MAX: usize = 4;
 
 impl LocalMatrix {
     /// Adds up to [`Self::BLOCK_MAX`] patches at once, as if one after the other. Returns who entered, bit
@@ -35,16 +37,17 @@ impl LocalMatrix {
         if block == 0 {
             return 0;
         }
-        for (place, arrival) in arrivals.iter().enumerate() {
-            let slot = arrival.slot.0 as usize;
-            assert!(!self.taken[slot] && self.workspace.place[slot] == ABSENT, "{slot} is taken");
-            self.workspace.place[slot] = place as u8;
-            self.extent = self.extent.max(slot + 1);
+        let returned = self.open(arrivals);
+        let mut inverse = SmallMatrices::zero(block);
+        for channel in 0..3 {
+            let system = inverse.plane_mut(channel).iter_mut().zip(returned.plane(channel));
+            for (at, (entry, &returned)) in system.enumerate() {
+                let arrival = &arrivals[at / block];
+                let scale = f64::from(arrival.reflectance[channel]) / f64::from(arrival.area);
+                *entry = f64::from(u8::from(at / block == at % block)) - scale * returned;
+            }
         }
-        self.workspace.depth = block.next_multiple_of(ROW_GROUP);
-        self.open_columns(arrivals);
-        let returned = self.open_rows(arrivals);
-        let (kept, inverse) = self.close_loop(arrivals, &returned);
+        let kept = inverse.invert(f64::from(MIN_PIVOT));
         for channel in 0..3 {
             self.enter(channel, arrivals, kept, &returned, &inverse);
         }
@@ -52,109 +55,32 @@ impl LocalMatrix {
         kept
     }
 
-    /// `columns = f_c + H R f_c`.
-    fn open_columns(&mut self, arrivals: &[Arrival<'_>]) {
-        let taken = &self.taken;
-        self.workspace.list_named(self.extent, |name| {
-            for (slot, _) in arrivals.iter().flat_map(|arrival| arrival.column) {
-                if taken[slot.0 as usize] {
-                    name(slot.0 as usize);
-                }
-            }
-        });
-        for channel in 0..3 {
-            if arrivals.len() <= GATHER_SINGLY_MAX {
-                self.gather_singly(channel, arrivals);
-            } else {
-                self.gather_together(channel, arrivals);
-            }
-            let columns = &mut self.workspace.columns[channel];
-            for (place, arrival) in arrivals.iter().enumerate() {
-                for &(slot, share) in arrival.column {
-                    if self.taken[slot.0 as usize] {
-                        columns[slot.0 as usize * TILE + place] += share;
-                    }
-                }
-            }
-        }
-    }
-
-    fn gather_singly(&mut self, channel: usize, arrivals: &[Arrival<'_>]) {
-        let rows = self.active_rows();
-        let (stride, extent) = (self.stride, self.extent);
-        let Workspace { products, lit_runs, columns, vector, .. } = &mut self.workspace;
-        let columns = &mut columns[channel][..rows * TILE];
-        columns.fill(0.0);
+    /// Computes the block's `columns`; returns `T`.
+    pub(super) fn open(&mut self, arrivals: &[Arrival<'_>]) -> SmallMatrices {
         for (place, arrival) in arrivals.iter().enumerate() {
-            vector.fill(0.0);
-            for &(slot, share) in arrival.column {
-                let slot = slot.0 as usize;
-                if self.taken[slot] {
-                    vector[slot] += self.reflectance[slot][channel] * share;
-                }
-            }
-            find_lit(vector, extent, lit_runs);
-            let matrix = &self.planes[channel][..rows * stride];
-            row_products(self.instructions, matrix, stride, vector, lit_runs, &mut products[..rows]);
-            for (row, &sum) in columns.chunks_exact_mut(TILE).zip(&products[..rows]) {
-                row[place] = sum as f32;
-            }
+            let slot = arrival.slot.0 as usize;
+            assert!(!self.taken[slot] && self.workspace.place[slot] == ABSENT, "{slot} is taken");
+            self.workspace.place[slot] = place as u8;
+            self.extent = self.extent.max(slot + 1);
         }
-    }
-
-    fn gather_together(&mut self, channel: usize, arrivals: &[Arrival<'_>]) {
-        let rows = self.active_rows();
-        let (stride, set) = (self.stride, self.instructions);
-        let Workspace { columns, operand, named, index, .. } = &mut self.workspace;
-        let operand = &mut operand[..named.len() * TILE];
-        operand.fill(0.0);
-        for (place, arrival) in arrivals.iter().enumerate() {
-            for &(slot, share) in arrival.column {
-                let slot = slot.0 as usize;
-                if self.taken[slot] {
-                    operand[index[slot] as usize * TILE + place] += self.reflectance[slot][channel] * share;
-                }
-            }
-        }
-        self.planes[channel][..rows * stride]
-            .par_chunks(BAND_ROWS * stride)
-            .zip(columns[channel][..rows * TILE].par_chunks_mut(BAND_ROWS * TILE))
-            .for_each(|(matrix, out)| {
-                f32::dispatch(set, GatherColumns { matrix, stride, columns: named, panel: operand, out });
-            });
-    }
-
-    /// `panels = f_r + f_r R H`; returns `S`, the light that comes back to the new patches.
-    fn open_rows(&mut self, arrivals: &[Arrival<'_>]) -> SmallMatrices {
-        let taken = &self.taken;
-        self.workspace.list_named(self.extent, |name| {
-            for (slot, _) in arrivals.iter().flat_map(|arrival| arrival.row) {
-                if taken[slot.0 as usize] {
-                    name(slot.0 as usize);
-                }
-            }
+        let (taken, stripes) = (&self.taken, self.stripes());
+        self.workspace.set_members(arrivals.iter().map(|arrival| arrival.slot.0 as usize));
+        self.workspace.list_named(stripes, |name| {
+            let slots = arrivals.iter().flat_map(|arrival| arrival.row).map(|(slot, _)| slot.0 as usize);
+            slots.filter(|&slot| taken[slot]).for_each(name);
         });
         let mut returned = SmallMatrices::zero(arrivals.len());
         for channel in 0..3 {
-            let depth = self.workspace.depth;
-            let Workspace { operand, named, index, .. } = &mut self.workspace;
-            operand[..depth * named.len()].fill(0.0);
-            for (place, arrival) in arrivals.iter().enumerate() {
-                for &(slot, share) in arrival.row {
-                    let slot = slot.0 as usize;
-                    if self.taken[slot] {
-                        operand[index[slot] as usize * depth + place] +=
-                            self.reflectance[slot][channel] * share;
-                    }
-                }
+            self.fill_operand(channel, arrivals);
+            if arrivals.len() <= GATHER_SINGLY_MAX {
+                self.gather_singly(channel, arrivals);
+            } else {
+                self.gather_named(channel, true);
             }
-            self.scatter_rows(channel);
-            let panels = &mut self.workspace.panels[channel];
+            let columns = &mut self.workspace.columns[channel];
             for (place, arrival) in arrivals.iter().enumerate() {
-                for &(slot, share) in arrival.row {
-                    if self.taken[slot.0 as usize] {
-                        panels[panel_index(depth, place, slot.0 as usize)] += share;
-                    }
+                for (slot, exchange) in arrival.exchange().filter(|&(slot, _)| self.taken[slot]) {
+                    columns[slot * BLOCK + place] += exchange;
                 }
             }
             self.return_light(channel, arrivals, returned.plane_mut(channel));
@@ -162,53 +88,63 @@ impl LocalMatrix {
         returned
     }
 
-    /// `S = f_s + f_r R U` of one channel; `operand` holds `f_r R`.
+    /// `operand = R A^-1 X'`, a row for each named slot.
+    fn fill_operand(&mut self, channel: usize, arrivals: &[Arrival<'_>]) {
+        let Workspace { operand, index, named, .. } = &mut self.workspace;
+        operand[..named.len() * BLOCK].fill(0.0);
+        for (place, arrival) in arrivals.iter().enumerate() {
+            for (slot, exchange) in arrival.exchange().filter(|&(slot, _)| self.taken[slot]) {
+                operand[index[slot] as usize * BLOCK + place] +=
+                    self.reflectance[slot][channel] / self.areas[slot] * exchange;
+            }
+        }
+    }
+
+    /// `columns = G[:, named] operand`, a product for each patch.
+    fn gather_singly(&mut self, channel: usize, arrivals: &[Arrival<'_>]) {
+        let stripes = self.stripes();
+        self.workspace.columns[channel][..stripes * STRIPE_COLUMNS].fill(0.0);
+        for place in 0..arrivals.len() {
+            let Workspace { vector, named, operand, .. } = &mut self.workspace;
+            vector[..stripes * TILE_EDGE].fill(0.0);
+            for (&slot, operand) in named.iter().zip(operand.chunks_exact(BLOCK)) {
+                vector[slot as usize] = operand[place];
+            }
+            self.product(channel, None);
+            let Workspace { columns, partial, .. } = &mut self.workspace;
+            for (row, &sum) in
+                columns[channel].chunks_exact_mut(BLOCK).zip(partial[..stripes * TILE_EDGE].iter())
+            {
+                row[place] = sum as f32;
+            }
+        }
+    }
+
+    /// `T = X_s + operand' W` of one channel, made exactly symmetric.
     fn return_light(&self, channel: usize, arrivals: &[Arrival<'_>], returned: &mut [f64]) {
         let block = arrivals.len();
-        let Workspace { columns, operand, named, depth, place, .. } = &self.workspace;
-        let mut sums = [0.0f32; TILE * TILE];
-        if !named.is_empty() {
-            let kernel = ScatterRows {
-                matrix: &columns[channel],
-                stride: TILE,
-                first_column: 0,
-                rows: named,
-                coefficients: &operand[..depth * named.len()],
-                depth: *depth,
-                out: &mut sums[..depth * TILE],
-            };
-            f32::dispatch(self.instructions, kernel);
+        let Workspace { columns, operand, named, place, .. } = &self.workspace;
+        let mut sums = [0.0; BLOCK * BLOCK];
+        let (slots, columns, out) = (&named[..], &columns[channel][..], &mut sums[..]);
+        f32::dispatch(self.instructions, BlockProduct { operand, slots, columns, out });
+        for (returned, sums) in returned.chunks_exact_mut(block).zip(sums.chunks_exact(BLOCK)) {
+            returned.copy_from_slice(&sums[..block]);
         }
-        for (returned, sums) in returned.chunks_exact_mut(block).zip(sums.chunks_exact(TILE)) {
-            for (returned, &sum) in returned.iter_mut().zip(sums) {
-                *returned = f64::from(sum);
-            }
-        }
+        symmetrise(returned, block);
         for (new, arrival) in arrivals.iter().enumerate() {
-            for (from, share) in within_block(place, arrival.row, new + 1) {
-                returned[new * block + from] += f64::from(share);
-            }
-            for (to, share) in within_block(place, arrival.column, new) {
-                returned[to * block + new] += f64::from(share);
+            for (slot, exchange) in arrival.exchange() {
+                let from = usize::from(place[slot]);
+                if from <= new {
+                    returned[new * block + from] += f64::from(exchange);
+                    if from != new {
+                        returned[from * block + new] += f64::from(exchange);
+                    }
+                }
             }
         }
     }
 
-    /// `G`, and who may enter.
-    fn close_loop(&self, arrivals: &[Arrival<'_>], returned: &SmallMatrices) -> (u32, SmallMatrices) {
-        let block = arrivals.len();
-        let mut inverse = SmallMatrices::zero(block);
-        for channel in 0..3 {
-            let system = inverse.plane_mut(channel).iter_mut().zip(returned.plane(channel));
-            for (at, (entry, &returned)) in system.enumerate() {
-                let reflectance = f64::from(arrivals[at / block].reflectance[channel]);
-                *entry = f64::from(u8::from(at / block == at % block)) - reflectance * returned;
-            }
-        }
-        (inverse.invert(f64::from(MIN_PIVOT)), inverse)
-    }
-
-    /// Writes one channel of `H`.
+    /// Writes one channel of `G`.
     fn enter(
         &mut self,
         channel: usize,
@@ -218,35 +154,31 @@ impl LocalMatrix {
         inverse: &SmallMatrices,
     ) {
         let block = arrivals.len();
-        let mut among = SmallMatrices::zero(block);
+        let (mut among, mut factor) = (SmallMatrices::zero(block), SmallMatrices::zero(block));
         product(returned.plane(channel), inverse.plane(channel), block, among.plane_mut(channel));
         among.keep(channel, kept);
-        self.multiply_columns(channel, inverse.plane(channel), block);
-        let (mut slots, mut reflectance) = ([0; Self::BLOCK_MAX], [0.0; Self::BLOCK_MAX]);
-        for (place, arrival) in arrivals.iter().enumerate() {
-            slots[place] = arrival.slot.0 as usize;
-            reflectance[place] = arrival.reflectance[channel];
+        symmetrise(among.plane_mut(channel), block);
+        let pairs = factor.plane_mut(channel).iter_mut().zip(inverse.plane(channel));
+        for (at, (factor, &inverse)) in pairs.enumerate() {
+            let arrival = &arrivals[at % block];
+            *factor = inverse * f64::from(arrival.reflectance[channel]) / f64::from(arrival.area);
         }
-        let (slots, reflectance) = (&slots[..block], &reflectance[..block]);
-        // `left` goes to the update with the reflectance in it, to the columns of `new` without.
-        let rows = self.active_rows() * TILE;
-        let Workspace { left, columns, .. } = &mut self.workspace;
-        let (left, columns) = (&mut left[..rows], &mut columns[channel][..rows]);
-        columns.copy_from_slice(left);
-        for row in left.chunks_exact_mut(TILE) {
-            row.iter_mut().zip(reflectance).for_each(|(entry, reflectance)| *entry *= reflectance);
-        }
-        for (new, &slot) in slots.iter().enumerate().filter(|(new, _)| kept >> new & 1 == 1) {
-            for (from, reflectance) in reflectance.iter().enumerate() {
-                let share = among.plane(channel)[new * block + from];
-                let identity = f64::from(u8::from(new == from));
-                columns[slot * TILE + from] = share as f32;
-                left[slot * TILE + from] = (identity + share * f64::from(*reflectance)) as f32;
+        symmetrise(factor.plane_mut(channel), block);
+        self.set_finals(channel, inverse.plane(channel), block);
+        for (new, arrival) in arrivals.iter().enumerate() {
+            let finals = &mut self.workspace.finals[arrival.slot.0 as usize * BLOCK..][..block];
+            for (to, &from) in finals.iter_mut().zip(&among.plane(channel)[new * block..]) {
+                *to = from as f32;
             }
         }
-        self.rank_update(channel, block, |_, row, columns| {
-            slots.iter().zip(columns).for_each(|(&slot, &share)| row[slot] = share);
-        });
+        self.rank_update(channel, block, factor.plane(channel), true);
+    }
+
+    /// `finals = columns small` of one channel.
+    pub(super) fn set_finals(&mut self, channel: usize, small: &[f64], block: usize) {
+        let len = self.stripes() * STRIPE_COLUMNS;
+        let Workspace { columns, finals, .. } = &mut self.workspace;
+        times_small(self.instructions, &columns[channel][..len], small, block, &mut finals[..len]);
     }
 
     /// Notes who came, and what they see.
@@ -257,32 +189,18 @@ impl LocalMatrix {
             if kept >> place & 1 == 1 {
                 self.set_taken(new, true);
                 self.reflectance[new] = arrival.reflectance;
+                self.areas[new] = arrival.area;
                 for &(slot, share) in arrival.row {
-                    if self.taken[slot.0 as usize] {
-                        self.rows.insert(new, slot.0 as usize, share);
-                    }
-                }
-                for &(slot, share) in arrival.column {
-                    if self.taken[slot.0 as usize] {
-                        self.rows.insert(slot.0 as usize, new, share);
+                    let slot = slot.0 as usize;
+                    if self.taken[slot] {
+                        self.rows.insert(new, slot, share);
+                        if slot != new {
+                            self.rows.insert(slot, new, arrival.area * share / self.areas[slot]);
+                        }
                     }
                 }
             }
         }
-        while self.extent > 0 && !self.taken[self.extent - 1] {
-            self.extent -= 1;
-        }
+        self.shrink();
     }
-}
-
-/// Entries that name one of the first `before` patches of the block: its place, the share.
-fn within_block<'a>(
-    place: &'a [u8],
-    entries: &'a [(crate::backend::Slot, f32)],
-    before: usize,
-) -> impl Iterator<Item = (usize, f32)> + 'a {
-    entries
-        .iter()
-        .map(|&(slot, share)| (usize::from(place[slot.0 as usize]), share))
-        .filter(move |&(place, _)| place < before)
 }

@@ -88,6 +88,17 @@ pub(super) fn product(a: &[f64], b: &[f64], size: usize, out: &mut [f64]) {
     }
 }
 
+/// Replaces a matrix that is symmetric but for rounding by the mean of itself and its mirror image.
+pub(super) fn symmetrise(matrix: &mut [f64], size: usize) {
+    for row in 1..size {
+        for column in 0..row {
+            let mean = 0.5 * (matrix[row * size + column] + matrix[column * size + row]);
+            matrix[row * size + column] = mean;
+            matrix[column * size + row] = mean;
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -2,6 +2,7 @@
 
 use super::LocalMatrix;
 use crate::dense::{DenseError, DenseMatrix, LuFactors};
+use crate::exchange::entry_at;
 use earthshine_world::random::{Purpose, hash, unit_f32};
 use rayon::prelude::*;
 
@@ -14,7 +15,7 @@ impl LocalMatrix {
     pub fn drift(&mut self, seed: u64) -> f32 {
         let (mut gap, mut norm) = (0.0f64, 0.0f64);
         let mut irradiance = vec![0.0f32; self.capacity];
-        let mut exitance = vec![0.0f32; self.vector_len()];
+        let mut exitance = vec![0.0f32; self.capacity];
         for channel in 0..3 {
             for (slot, exitance) in exitance.iter_mut().enumerate().take(self.capacity) {
                 let random = hash(seed, Purpose::Simulation, slot as u64, channel as u64);
@@ -75,7 +76,10 @@ impl LocalMatrix {
                 factors.solve(&mut right);
                 for (at, &slot) in slots.iter().enumerate() {
                     for (&value, &column) in right.row(at).iter().zip(&slots[first..]) {
-                        self.planes[channel][slot * self.stride + column] = value as f32;
+                        let exchange = value * f64::from(self.areas[slot]);
+                        if slot >= column {
+                            self.set_pair(channel, slot, column, exchange as f32);
+                        }
                     }
                 }
             }
@@ -83,9 +87,16 @@ impl LocalMatrix {
         Ok(())
     }
 
-    /// Multiplies one entry of `H`: a fault for tests of the probe.
+    /// Sets an entry and its mirror image.
+    fn set_pair(&mut self, channel: usize, a: usize, b: usize, exchange: f32) {
+        self.planes[channel][entry_at(a, b)] = exchange;
+        self.planes[channel][entry_at(b, a)] = exchange;
+    }
+
+    /// Multiplies one entry of `H`, and what it answers to by reciprocity: a fault for tests of the probe.
     #[cfg(test)]
     pub(crate) fn corrupt(&mut self, channel: usize, row: usize, column: usize, factor: f32) {
-        self.planes[channel][row * self.stride + column] *= factor;
+        let exchange = self.planes[channel][entry_at(row, column)] * factor;
+        self.set_pair(channel, row, column, exchange);
     }
 }

@@ -1,19 +1,18 @@
 //! Patches leave: their reflectance is set to zero, then their rows and columns are cleared.
 //!
-//! With `c` the leaving patches' reflectance and `p` their slots:
+//! With `c` the leaving patches' reflectance, `A` their areas and `p` their slots:
 //!
 //! ```text
-//! H -= H[:, p] c (Id + H[p, p] c)^-1 H[p, :]
+//! G -= G[:, p] K G[:, p]'      K = c (Id + A^-1 G[p, p] c)^-1 A^-1, symmetric
 //! ```
 //!
 //! For one patch this is Sherman-Morrison, `rho / (1 + rho h)`. The pivots are at least one in exact
-//! numbers, so nobody is ever refused.
+//! numbers, so nobody is ever refused. No product: the columns are there.
 
-use super::block::panel_index;
-use super::capacitance::SmallMatrices;
-use super::{LocalMatrix, TILE};
+use super::LocalMatrix;
+use super::capacitance::{SmallMatrices, symmetrise};
 use crate::backend::Slot;
-use crate::kernel::ROW_GROUP;
+use crate::exchange::entry_at;
 
 impl LocalMatrix {
     /// Removes up to [`Self::BLOCK_MAX`] patches at once.
@@ -30,12 +29,11 @@ impl LocalMatrix {
             *to = slot.0 as usize;
         }
         let leaving = &leaving[..slots.len()];
-        self.workspace.depth = leaving.len().next_multiple_of(ROW_GROUP);
+        self.workspace.set_members(leaving.iter().copied());
         let correction = self.correction(leaving);
         for channel in 0..3 {
             self.copy_out(channel, leaving);
-            self.multiply_columns(channel, correction.plane(channel), leaving.len());
-            self.rank_update(channel, leaving.len(), |slot, row, _| clear_row(slot, row, leaving));
+            self.rank_update(channel, leaving.len(), correction.plane(channel), false);
         }
         leaving.iter().for_each(|&slot| self.forget(slot));
     }
@@ -45,62 +43,31 @@ impl LocalMatrix {
         assert!(self.taken[slot], "{slot} is free");
         self.rows.remove(slot);
         self.reflectance[slot] = earthshine_world::Rgb::ZERO;
+        self.areas[slot] = 0.0;
         self.set_taken(slot, false);
     }
 
-    /// `-c (Id + H[p, p] c)^-1`.
+    /// `-K`.
     fn correction(&self, leaving: &[usize]) -> SmallMatrices {
         let block = leaving.len();
         let mut matrices = SmallMatrices::zero(block);
         let reflectance = |place: usize, channel| f64::from(self.reflectance[leaving[place]][channel]);
+        let area = |place: usize| f64::from(self.areas[leaving[place]]);
         for channel in 0..3 {
             for (at, entry) in matrices.plane_mut(channel).iter_mut().enumerate() {
                 let (receiver, sender) = (at / block, at % block);
-                let share = self.planes[channel][leaving[receiver] * self.stride + leaving[sender]];
+                let exchange = self.planes[channel][entry_at(leaving[receiver], leaving[sender])];
                 let identity = f64::from(u8::from(receiver == sender));
-                *entry = identity + f64::from(share) * reflectance(sender, channel);
+                *entry = identity + f64::from(exchange) / area(receiver) * reflectance(sender, channel);
             }
         }
         matrices.invert(0.0);
         for channel in 0..3 {
             for (at, entry) in matrices.plane_mut(channel).iter_mut().enumerate() {
-                *entry *= -reflectance(at / block, channel);
+                *entry *= -reflectance(at / block, channel) / area(at % block);
             }
+            symmetrise(matrices.plane_mut(channel), block);
         }
         matrices
-    }
-
-    /// The leaving columns into `columns`, their rows into `panels`.
-    fn copy_out(&mut self, channel: usize, leaving: &[usize]) {
-        let (rows, stride, tiles) = (self.active_rows(), self.stride, self.extent.div_ceil(TILE));
-        let plane = &self.planes[channel][..rows * stride];
-        let columns = &mut self.workspace.columns[channel];
-        for (row, columns) in plane.chunks_exact(stride).zip(columns.chunks_exact_mut(TILE)) {
-            for (to, &slot) in columns.iter_mut().zip(leaving) {
-                *to = row[slot];
-            }
-        }
-        for (place, &slot) in leaving.iter().enumerate() {
-            for (tile, from) in plane[slot * stride..].chunks_exact(TILE).take(tiles).enumerate() {
-                let at = panel_index(self.workspace.depth, place, tile * TILE);
-                self.workspace.panels[channel][at..at + TILE].copy_from_slice(from);
-            }
-        }
-    }
-
-    /// Zeroes rows and columns.
-    pub(super) fn clear(&mut self, channel: usize, leaving: &[usize]) {
-        let (rows, stride) = (self.active_rows(), self.stride);
-        for (slot, row) in self.planes[channel][..rows * stride].chunks_exact_mut(stride).enumerate() {
-            clear_row(slot, row, leaving);
-        }
-    }
-}
-
-fn clear_row(slot: usize, row: &mut [f32], leaving: &[usize]) {
-    if leaving.contains(&slot) {
-        row.fill(0.0);
-    } else {
-        leaving.iter().for_each(|&leaving| row[leaving] = 0.0);
     }
 }

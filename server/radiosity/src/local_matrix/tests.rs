@@ -1,9 +1,11 @@
 //! Updates of `H` against fresh solves.
 
 use super::*;
-use crate::backend::Update;
+use crate::backend::{Repaired, Update};
 use crate::bench::Streamed;
 use crate::closed_box::ClosedBox;
+use crate::exchange::entry_at;
+use earthshine_world::random::{Purpose, hash, unit_f32};
 
 /// Applies updates in blocks of at most `block`.
 fn apply(matrix: &mut LocalMatrix, updates: &[Update], block: usize) {
@@ -12,8 +14,8 @@ fn apply(matrix: &mut LocalMatrix, updates: &[Update], block: usize) {
         let mut leaving = Vec::new();
         for update in updates {
             match update {
-                Update::Add { slot, reflectance, row, column } => {
-                    arrivals.push(Arrival { slot: *slot, reflectance: *reflectance, row, column });
+                Update::Add { slot, reflectance, area, row, column: _ } => {
+                    arrivals.push(Arrival { slot: *slot, reflectance: *reflectance, area: *area, row });
                 }
                 Update::Remove { slot } => leaving.push(*slot),
             }
@@ -50,9 +52,83 @@ fn any_order_of_updates_equals_a_fresh_solve() {
     }
 }
 
+/// Goal: patches of any size side by side. Method: areas from 1e-4 to 1 m2, light compared row by row, so that no
+/// large patch hides the error of a small one.
+#[test]
+fn areas_four_decades_apart_stay_exact() {
+    for block in [1, 5, 32] {
+        let mut streamed = Streamed::new(ClosedBox::uneven(150, 12, 1e-4), 110, 12);
+        let areas: Vec<f32> = (0..150).map(|patch| streamed.room().area(patch)).collect();
+        let (least, most) = areas.iter().fold((f32::MAX, 0.0f32), |(a, b), &area| (a.min(area), b.max(area)));
+        assert!(most > 3e3 * least, "{least}..{most} m2");
+        let mut matrix = LocalMatrix::new(110).expect("small");
+        for (leave, enter) in [(0, 110), (50, 45), (20, 25)] {
+            apply(&mut matrix, &streamed.leave(leave), block);
+            apply(&mut matrix, &streamed.enter(enter), block);
+        }
+        assert_solved(&streamed, &matrix, &format!("block {block}"));
+        let solved = streamed.solved(1).expect("small");
+        for (i, receiver) in matrix.taken_slots().enumerate() {
+            let (mut wrong, mut right) = (0.0, 0.0);
+            for (j, sender) in matrix.taken_slots().enumerate() {
+                wrong += (f64::from(matrix.entry(1, receiver, sender)) - solved.row(i)[j]).abs();
+                right += solved.row(i)[j];
+            }
+            assert!(wrong < 1e-5 * right, "{receiver:?}: {wrong} of {right}");
+        }
+    }
+}
+
+/// Goal: what two patches exchange is the same both ways, to the bit, whatever happened. Method: the stored matrix
+/// after a life and a repair, diagonal tiles included.
+#[test]
+fn the_exchange_is_symmetric() {
+    let mut streamed = Streamed::new(ClosedBox::new(190, 13), 150, 13);
+    let mut matrix = LocalMatrix::new(150).expect("small");
+    for (leave, enter) in [(0, 150), (70, 40), (3, 20)] {
+        apply(&mut matrix, &streamed.leave(leave), 32);
+        apply(&mut matrix, &streamed.enter(enter), 32);
+    }
+    matrix.repair(64);
+    for (a, b) in (0..150).flat_map(|a| (0..a).map(move |b| (a, b))) {
+        let (forth, back) = (matrix.planes[2][entry_at(a, b)], matrix.planes[2][entry_at(b, a)]);
+        assert_eq!(forth.to_bits(), back.to_bits(), "{a} and {b}");
+    }
+}
+
+/// Goal: a repair brings drift down, in bounded steps, between updates. Method: every entry off by up to a thousandth
+/// (seeded, symmetric), as 1e-3 of drift would have it.
+#[test]
+fn a_repair_takes_noise_away() {
+    let mut streamed = Streamed::new(ClosedBox::new(220, 14), 200, 14);
+    let mut matrix = LocalMatrix::new(200).expect("small");
+    apply(&mut matrix, &streamed.enter(190), 32);
+    apply(&mut matrix, &streamed.leave(20), 32);
+    for (a, b) in (0..200).flat_map(|a| (0..=a).map(move |b| (a, b))) {
+        let noise = 2e-3 * (unit_f32(hash(5, Purpose::Simulation, a as u64, b as u64)) - 0.5);
+        (0..3).for_each(|channel| matrix.corrupt(channel, a, b, 1.0 + noise));
+    }
+    let before = streamed.error_of(&matrix).expect("small").frobenius_rel;
+    assert!((1e-4..1e-2).contains(&before) && matrix.drift(1) > 1e-5, "{before} {}", matrix.drift(1));
+    let first = matrix.repair(40);
+    assert_eq!(first, Repaired { columns: 32, is_complete: false });
+    apply(&mut matrix, &streamed.leave(5), 32);
+    apply(&mut matrix, &streamed.enter(5), 32);
+    let mut columns = first.columns;
+    let mut calls = 1;
+    while !matrix.repair(64).is_complete {
+        calls += 1;
+        columns += 64;
+        assert!(calls < 10, "a round ends");
+    }
+    assert!(columns >= 128, "{columns} before the last call");
+    let after = streamed.error_of(&matrix).expect("small").frobenius_rel;
+    assert!(after < 1e-5 && matrix.drift(1) < 1e-6, "{before} became {after}, {}", matrix.drift(1));
+}
+
 #[test]
 fn sizes_around_tiles_and_groups_work() {
-    for slots in [1, 2, 7, 8, 9, 31, 32, 33, 63, 64, 65] {
+    for slots in [1, 2, 7, 8, 9, 31, 32, 33, 63, 64, 65, 127, 128, 129] {
         let mut streamed = Streamed::new(ClosedBox::new(slots + 12, 9), slots, 9);
         let mut matrix = LocalMatrix::new(slots as u32).expect("small");
         apply(&mut matrix, &streamed.enter(slots), 32);
@@ -110,8 +186,8 @@ fn the_truncated_update_is_visibly_wrong() {
     let truncated = |matrix: &mut LocalMatrix, updates: Vec<Update>| {
         for update in updates {
             match update {
-                Update::Add { slot, reflectance, row, column } => {
-                    matrix.add_truncated(&Arrival { slot, reflectance, row: &row, column: &column });
+                Update::Add { slot, reflectance, area, row, column: _ } => {
+                    matrix.add_truncated(&Arrival { slot, reflectance, area, row: &row });
                 }
                 Update::Remove { slot } => matrix.remove_truncated(slot),
             }
@@ -136,6 +212,7 @@ fn the_truncated_update_is_visibly_wrong() {
     std::mem::swap(&mut exact.rows, &mut matrix.rows);
     exact.taken.clone_from(&matrix.taken);
     exact.reflectance.clone_from(&matrix.reflectance);
+    exact.areas.clone_from(&matrix.areas);
     exact.extent = matrix.extent;
     exact.resolve().expect("regular");
     let (wrong, right) =

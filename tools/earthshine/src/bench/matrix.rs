@@ -1,8 +1,10 @@
 //! `bench matrix`: adds and removals against a fresh solve, and the time they take.
 
 use super::Report;
+use crate::output::out;
 use clap::Args;
-use earthshine_radiosity::bench::{MatrixBenchParams, measure_matrix};
+use earthshine_radiosity::LocalMatrix;
+use earthshine_radiosity::bench::{MatrixBenchParams, MatrixFigures, Timing, measure_matrix};
 use serde::Serialize;
 use std::time::Instant;
 
@@ -36,12 +38,35 @@ struct Figures {
     truncated_error_rel: f64,
     drift_rel: f64,
     repairs: u32,
+    /// One patch out and one in, singly, all threads.
     swap_ms: f64,
+    /// Per patch of a block that leaves and a block that enters; every patch sees every other.
     block_patch_ms: f64,
     block_add_ms: f64,
     block_remove_ms: f64,
+    /// The same where the patches that enter see `seen_columns` slots together.
+    block_patch_sparse_ms: f64,
+    seen_columns: u32,
+    step_ms: f64,
+    /// With an eighth of the slots of interest.
+    step_interest_ms: f64,
+    repair_patch_ms: f64,
+    /// Bytes really read: half of the matrix is stored.
     product_gb_s: f64,
     copy_gb_s: f64,
+    threads: usize,
+    swap_ms_one_core: f64,
+    block_patch_ms_one_core: f64,
+    block_add_ms_one_core: f64,
+    block_remove_ms_one_core: f64,
+    block_patch_sparse_ms_one_core: f64,
+    step_ms_one_core: f64,
+    repair_patch_ms_one_core: f64,
+    product_gb_s_one_core: f64,
+    copy_gb_s_one_core: f64,
+    remove_gflop_s_one_core: f64,
+    peak_gflop_s_one_core: f64,
+    matrix_bytes: u64,
     curve: Vec<CurvePoint>,
 }
 
@@ -58,6 +83,10 @@ pub(crate) fn run(arguments: &MatrixArguments, json: bool) -> anyhow::Result<()>
     let &MatrixArguments { m, swaps, block, seed } = arguments;
     let clock = || started.elapsed().as_secs_f64();
     let measured = measure_matrix(MatrixBenchParams { m, swaps, block, seed, clock: &clock })?;
+    let (all, one) = (&measured.timing, &measured.one_core);
+    if !json {
+        return print_text(arguments, &measured);
+    }
     let point = |point: &earthshine_radiosity::bench::ErrorPoint| CurvePoint {
         swaps: point.swaps,
         exact_rel: point.exact_rel,
@@ -73,13 +102,70 @@ pub(crate) fn run(arguments: &MatrixArguments, json: bool) -> anyhow::Result<()>
         truncated_error_rel: measured.truncated_error_rel,
         drift_rel: measured.drift_rel,
         repairs: measured.repairs,
-        swap_ms: measured.swap_ms,
-        block_patch_ms: measured.block_patch_ms,
-        block_add_ms: measured.block_add_ms,
-        block_remove_ms: measured.block_remove_ms,
-        product_gb_s: measured.product_gb_s,
-        copy_gb_s: measured.copy_gb_s,
+        swap_ms: all.swap_ms,
+        block_patch_ms: (all.add_ms + all.remove_ms) / 2.0,
+        block_add_ms: all.add_ms,
+        block_remove_ms: all.remove_ms,
+        block_patch_sparse_ms: (all.sparse_add_ms + all.remove_ms) / 2.0,
+        seen_columns: all.seen_columns,
+        step_ms: all.step_ms,
+        step_interest_ms: all.interest_step_ms,
+        repair_patch_ms: all.repair_patch_ms,
+        product_gb_s: all.product_gb_s,
+        copy_gb_s: all.copy_gb_s,
+        threads: all.threads,
+        swap_ms_one_core: one.swap_ms,
+        block_patch_ms_one_core: (one.add_ms + one.remove_ms) / 2.0,
+        block_add_ms_one_core: one.add_ms,
+        block_remove_ms_one_core: one.remove_ms,
+        block_patch_sparse_ms_one_core: (one.sparse_add_ms + one.remove_ms) / 2.0,
+        step_ms_one_core: one.step_ms,
+        repair_patch_ms_one_core: one.repair_patch_ms,
+        product_gb_s_one_core: one.product_gb_s,
+        copy_gb_s_one_core: one.copy_gb_s,
+        remove_gflop_s_one_core: one.remove_gflop_s,
+        peak_gflop_s_one_core: one.peak_gflop_s,
+        matrix_bytes: LocalMatrix::bytes(m),
         curve: measured.curve.iter().map(point).collect(),
     };
     Report::new("matrix", "closed box", "matrix", seed, clock(), figures).print(json)
+}
+
+/// The figures as a table for people; the best of several rounds each.
+fn print_text(arguments: &MatrixArguments, measured: &MatrixFigures) -> anyhow::Result<()> {
+    let &MatrixArguments { m, swaps, block, seed } = arguments;
+    out!("matrix of {m} slots, {:.1} MiB, blocks of {block}, seed {seed}", mebibytes(LocalMatrix::bytes(m)));
+    out!("");
+    out!("exactness, {} slots, {swaps} swaps, relative to a fresh f64 solve", measured.accuracy_m);
+    out!("  {:>10}  {:>12}  {:>16}", "swaps", "exact update", "sources' update");
+    for point in &measured.curve {
+        out!("  {:>10}  {:>12.2e}  {:>16.2e}", point.swaps, point.exact_rel, point.truncated_rel);
+    }
+    out!("  drift after all: {:.2e} in {} repairs", measured.drift_rel, measured.repairs);
+    out!("");
+    let (all, one) = (&measured.timing, &measured.one_core);
+    let threads = format!("{} threads", all.threads);
+    out!("{:<44}  {threads:>10}  {:>10}", "time, best of several rounds", "1 thread");
+    let rows: [(&str, &str, fn(&Timing) -> f64); 11] = [
+        ("patch added, in a block, sees all", "ms", |t| t.add_ms),
+        ("patch added, in a block, sees few", "ms", |t| t.sparse_add_ms),
+        ("patch removed, in a block", "ms", |t| t.remove_ms),
+        ("patch added or removed, mean, sees all", "ms", |t| (t.add_ms + t.remove_ms) / 2.0),
+        ("one patch out, one in, singly", "ms", |t| t.swap_ms),
+        ("patch repaired", "ms", |t| t.repair_patch_ms),
+        ("light of a frame", "ms", |t| t.step_ms),
+        ("light of a frame, an eighth of interest", "ms", |t| t.interest_step_ms),
+        ("product, bytes really read", "GB/s", |t| t.product_gb_s),
+        ("plain copy, read and written", "GB/s", |t| t.copy_gb_s),
+        ("removal, of the peak of multiply-adds", "%", |t| 100.0 * t.remove_gflop_s / t.peak_gflop_s),
+    ];
+    for (what, unit, value) in rows {
+        out!("  {:<42}  {:>10.3}  {:>10.3}  {unit}", what, value(all), value(one));
+    }
+    out!("\"sees few\": the block's patches see {} slots together", all.seen_columns);
+    Ok(())
+}
+
+fn mebibytes(bytes: u64) -> f64 {
+    bytes as f64 / f64::from(1 << 20)
 }
