@@ -231,13 +231,14 @@ impl Kernel<f32> for BandProduct<'_> {
                         rows &= rows - 1;
                         let entries = &tile[row * TILE_EDGE..][..TILE_EDGE];
                         let sent = simd.splat(x_rows[row]);
+                        let entries = &entries[part..][..PRODUCT_VECTORS * S::WIDTH];
                         let mut row_sum = row_sums[row];
-                        for (n, (x, sum)) in x.iter().zip(&mut sums).enumerate() {
-                            let at = part + n * S::WIDTH;
-                            simd.prefetch(entries, at + PRODUCT_AHEAD);
-                            let entries = simd.load(&entries[at..]);
-                            row_sum = simd.multiply_add(entries, *x, row_sum);
-                            *sum = simd.multiply_add(entries, sent, *sum);
+                        // By index: arrays zipped with each other end up in memory.
+                        for n in 0..PRODUCT_VECTORS {
+                            simd.prefetch(entries, n * S::WIDTH + PRODUCT_AHEAD);
+                            let entries = simd.load(&entries[n * S::WIDTH..]);
+                            row_sum = simd.multiply_add(entries, x[n], row_sum);
+                            sums[n] = simd.multiply_add(entries, sent, sums[n]);
                         }
                         row_sums[row] = row_sum;
                     }

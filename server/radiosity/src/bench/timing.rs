@@ -11,7 +11,7 @@ use earthshine_world::Rgb;
 use rayon::prelude::*;
 
 /// Repetitions; the quickest counts: others' work can only add time.
-const ROUNDS: usize = 7;
+const ROUNDS: usize = 12;
 /// Most bytes copied to measure the memory.
 const COPY_BYTES_MAX: usize = 256 << 20;
 /// Numbers copied at a time by a thread.

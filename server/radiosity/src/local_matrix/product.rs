@@ -1,4 +1,4 @@
-//! The light of a frame: `H x`, over what carries light, for what is of interest (the sources' P_vis x P_lit).
+//! The light of a frame: `H x`, over what carries light, for what is of interest (the sources' `P_vis` x `P_lit`).
 //!
 //! A stored tile serves twice, so the product reads half of what a whole matrix would have it read: `6 M^2` bytes
 //! for three channels. Stripes are cut into [`BANDS`] bands, each with sums of its own, added up in order: the same
