@@ -2,7 +2,7 @@
 //!
 //! | code | meaning | worth a restart |
 //! |---|---|---|
-//! | 4 | the world is missing or damaged | no, bake or fetch it |
+//! | 4 | the world is missing, damaged, or baked for the offline solve alone | no, bake or fetch it |
 //! | 5 | configuration | no, mend it |
 //! | 6 | an address cannot be bound | after the other process ends |
 //! | 10 | the engine, the transport or the system failed | yes |
@@ -13,6 +13,7 @@
 use crate::config::ConfigError;
 use earthshine_tiles::TileError;
 use std::net::SocketAddr;
+use std::path::PathBuf;
 use std::time::Duration;
 
 /// What can stop the service.
@@ -24,6 +25,14 @@ pub enum ServerError {
     /// The world cannot be opened; the cause names the file.
     #[error(transparent)]
     World(TileError),
+    /// The world's patches cannot be served.
+    #[error(
+        "{world:?} was baked with --builder clustered: several of its patches may share a voxel and a direction, which a served volume has one place for. Bake it with --builder axis to serve it; `render`, `compare` and `bench accuracy` take it as it is"
+    )]
+    ClusteredWorld {
+        /// Its folder.
+        world: PathBuf,
+    },
     /// The world's index contradicts itself.
     #[error(transparent)]
     Index(earthshine_engine::EngineError),
@@ -79,7 +88,7 @@ impl ServerError {
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::World(_) | Self::Index(_) => 4,
+            Self::World(_) | Self::ClusteredWorld { .. } | Self::Index(_) => 4,
             Self::Config(_) => 5,
             Self::AddressInUse { .. } | Self::Bind { .. } => 6,
             Self::System { .. } | Self::Engine { .. } | Self::Transport(_) => 10,

@@ -14,7 +14,7 @@ use crate::shutdown::Deadline;
 use crate::tile_loader::TileLoader;
 use earthshine_engine::{BackendFactory, Engine};
 use earthshine_radiosity::{Backend, BackendError, CpuBackend, Slot};
-use earthshine_tiles::{DirStore, TileStore};
+use earthshine_tiles::{DirStore, PatchBuilder, TileStore};
 use earthshine_world::WorldIndex;
 use std::io::ErrorKind;
 use std::net::SocketAddr;
@@ -69,11 +69,14 @@ impl Server {
     /// Checks the configuration, opens the world and binds both addresses.
     ///
     /// # Errors
-    /// [`ServerError::Config`], [`ServerError::World`], [`ServerError::Index`], [`ServerError::AddressInUse`],
-    /// [`ServerError::Bind`].
+    /// [`ServerError::Config`], [`ServerError::World`], [`ServerError::ClusteredWorld`], [`ServerError::Index`],
+    /// [`ServerError::AddressInUse`], [`ServerError::Bind`].
     pub async fn bind(config: Config) -> Result<Self, ServerError> {
         config.validate()?;
         let store = DirStore::open(&config.world).map_err(ServerError::World)?;
+        if store.manifest().parameters.method.builder == PatchBuilder::Clustered {
+            return Err(ServerError::ClusteredWorld { world: config.world });
+        }
         let index = store.manifest().index();
         let engine = Engine::new(index.clone(), config.engine.clone(), backends(config.backend))
             .map_err(ServerError::Index)?;

@@ -4,6 +4,7 @@ use crate::world::{Raw, Service, config, within, write};
 use earthshine_client::{Camera, Client, ClientError, ClientOptions, Vec3};
 use earthshine_protocol::v1::ErrorCode;
 use earthshine_server::{Config, Server, ServerError};
+use earthshine_tiles::{Manifest, PatchBuilder};
 use std::time::{Duration, Instant};
 use tonic::transport::Channel;
 use tonic_health::pb::{
@@ -48,6 +49,19 @@ async fn a_missing_world_is_named() {
     std::fs::write(folder.path().join("world.toml"), "format_version = ").unwrap();
     let error = Server::bind(config(folder.path())).await.unwrap_err();
     assert_eq!(error.exit_code(), 4);
+}
+
+#[tokio::test]
+async fn a_world_of_clusters_is_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    write(folder.path());
+    let mut manifest = Manifest::load(folder.path()).unwrap();
+    manifest.parameters.method.builder = PatchBuilder::Clustered;
+    manifest.save(folder.path()).unwrap();
+    let error = Server::bind(config(folder.path())).await.unwrap_err();
+    assert!(matches!(error, ServerError::ClusteredWorld { .. }), "{error}");
+    assert_eq!(error.exit_code(), 4);
+    assert!(error.to_string().contains("--builder clustered"), "{error}");
 }
 
 #[tokio::test]

@@ -16,6 +16,7 @@
 //! | [`encode`](fn@encode), [`decode_bytes`] | one chunk to bytes and back |
 //! | [`limits`] | what a file may ask for |
 //! | [`manifest`] | `world.toml` |
+//! | [`parameters`], [`method`] | what a bake was asked for |
 //! | [`store`], [`fault`] | where chunks come from, and what goes wrong there |
 //! | [`invariant`] | the row invariants that `inspect verify` checks |
 //! | [`measure`](mod@measure) | bytes a non-zero and non-zeros a second |
@@ -32,6 +33,7 @@ pub mod invariant;
 pub mod limits;
 pub mod manifest;
 pub mod measure;
+pub mod method;
 pub mod parameters;
 mod reader;
 pub mod store;
@@ -46,6 +48,7 @@ pub use format::{Frame, TileHeader, tile_file_name, tile_hash};
 pub use invariant::{RowFault, RowFaultKind, check_rows, check_targets};
 pub use manifest::{ChunkEntry, Manifest};
 pub use measure::{TileFigures, measure};
+pub use method::{BakeMethod, PatchBuilder, RaySpread, RowEstimator, SampleSource};
 pub use parameters::BakeParameters;
 pub use reader::{MappedTile, decode_bytes};
 pub use store::{DirStore, TileStore};

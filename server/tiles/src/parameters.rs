@@ -1,6 +1,7 @@
 //! What a bake was asked for: written into the manifest, part of every hash.
 
 use crate::checksum;
+use crate::method::BakeMethod;
 use earthshine_world::{AxisWeights, Grid};
 use serde::{Deserialize, Serialize};
 
@@ -26,6 +27,9 @@ pub struct BakeParameters {
     pub metals_black: bool,
     /// Voxels and chunks of level 0.
     pub grid: Grid,
+    /// By which methods. Worlds from before there was a choice were made by the default ones.
+    #[serde(default)]
+    pub method: BakeMethod,
 }
 
 impl Default for BakeParameters {
@@ -40,6 +44,7 @@ impl Default for BakeParameters {
             two_sided: true,
             metals_black: false,
             grid: Grid { voxel_edge_m: 1.0, chunk_edge_voxels: 16 },
+            method: BakeMethod::default(),
         }
     }
 }
@@ -59,6 +64,7 @@ impl BakeParameters {
             two_sided,
             metals_black,
             grid: Grid { voxel_edge_m, chunk_edge_voxels },
+            method,
         } = *self;
         let counts =
             [rays_per_patch, points_per_patch, samples_per_voxel_face, buried_rays, chunk_edge_voxels];
@@ -67,6 +73,7 @@ impl BakeParameters {
             bytemuck::cast_slice(&counts),
             &[weights as u8, u8::from(two_sided), u8::from(metals_black)],
             &voxel_edge_m.to_bits().to_le_bytes(),
+            bytemuck::cast_slice(&method.words()),
         ])
     }
 
@@ -79,6 +86,8 @@ impl BakeParameters {
             Some("parameters.grid.chunk_edge_voxels is not between 1 and 22")
         } else if self.seed > i64::MAX as u64 {
             Some("parameters.seed is above 2^63 - 1, the largest integer in TOML")
+        } else if self.method.fault().is_some() {
+            Some("parameters.method is none that a bake can have")
         } else {
             None
         }
@@ -106,12 +115,13 @@ mod tests {
             BakeParameters { metals_black: true, ..base },
             BakeParameters { grid: finer, ..base },
             BakeParameters { grid: smaller, ..base },
+            BakeParameters { method: BakeMethod { rays_min: 8, ..base.method }, ..base },
         ]
         .iter()
         .map(BakeParameters::content_hash)
         .collect();
         hashes.sort_unstable();
         hashes.dedup();
-        assert_eq!(hashes.len(), 11);
+        assert_eq!(hashes.len(), 12);
     }
 }

@@ -3,7 +3,7 @@
 //! One file a chunk under `WORLD/.bake/HASH/`, written whole or not at all. They are scratch: another hash
 //! is another bake, a damaged file is traced again, and the folder goes when the world is whole.
 //!
-//! │ xxh3 of the rest, u64 │ row count, u32 │ entry counts, u32 each │ sky 6 x f32 and absorbed f32 each │ entries (u32, f32) │
+//! │ xxh3 of the rest, u64 │ row count, u32 │ entry counts, u32 each │ sky 6 x f32, absorbed f32 and rays u32 each │ entries (u32, f32) │
 
 use crate::BakeError;
 use crate::rows::RawRow;
@@ -68,6 +68,7 @@ fn encode(rows: &[RawRow]) -> Vec<u8> {
     rows.iter().for_each(|row| bytes.extend((row.entries.len() as u32).to_le_bytes()));
     for row in rows {
         row.sky.iter().chain([&row.absorbed]).for_each(|share| bytes.extend(share.to_le_bytes()));
+        bytes.extend(row.rays.to_le_bytes());
     }
     for (patch, share) in rows.iter().flat_map(|row| &row.entries) {
         bytes.extend(patch.to_le_bytes());
@@ -95,6 +96,7 @@ fn decode(bytes: &[u8], row_count: usize, patch_count: usize) -> Option<Vec<RawR
             *share = f32::from_le_bytes(next()?);
         }
         row.absorbed = f32::from_le_bytes(next()?);
+        row.rays = u32::from_le_bytes(next()?);
     }
     for (row, count) in rows.iter_mut().zip(counts) {
         for _ in 0..count {
@@ -119,6 +121,7 @@ mod tests {
                 entries: vec![(1, 0.25), (7, 0.5)],
                 sky: [0.1, 0.0, 0.0, 0.0, 0.05, 0.0],
                 absorbed: 0.1,
+                rays: 64,
             },
             RawRow::default(),
         ];

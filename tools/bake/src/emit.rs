@@ -3,7 +3,7 @@
 use crate::BakeError;
 use crate::clip::{Polygon, clip_to_grid};
 use crate::patches::PatchSet;
-use crate::rows::{RawRow, patch_key};
+use crate::rows::RawRow;
 use crate::sample::SurfaceSample;
 use earthshine_scene::Scene;
 use earthshine_tiles::BakeParameters;
@@ -51,9 +51,8 @@ impl Emitter<'_> {
         }
         let (mut patches, mut points) = (Vec::with_capacity(range.len()), Vec::new());
         for source in &self.set.patches[range.start as usize..range.end as usize] {
-            let key = patch_key(source.patch.voxel, source.patch.direction.index());
             let chosen =
-                source.representative_samples(self.parameters.points_per_patch, self.parameters.seed, key);
+                source.representative_samples(self.parameters.points_per_patch, self.parameters.seed);
             let mut patch = source.patch;
             patch.point_first = points.len() as u32;
             patch.point_count = chosen.len() as u32;

@@ -40,6 +40,18 @@ pub enum BakeError {
         /// m.
         suggested_m: f32,
     },
+    /// A sum over points would take hours.
+    #[error(
+        "--estimator points takes {pairs} pairs of points for {patches} patches, and is for {max} at most: use fewer points (--points-per-patch), larger voxels (--voxel), or --estimator rays"
+    )]
+    TooManyPairs {
+        /// How many patches there are.
+        patches: usize,
+        /// How many pairs their points make.
+        pairs: u64,
+        /// How many are possible.
+        max: u64,
+    },
     /// Nothing that light could leave or reach.
     #[error(
         "no patches: every surface is buried, a hole or without area; check the scene's scale against the voxel edge of {voxel_edge_m} m"

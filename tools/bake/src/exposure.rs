@@ -15,6 +15,7 @@ use earthshine_trace::hemisphere::{cosine_direction, spread_pair};
 use earthshine_trace::{Hit, SceneTracer};
 use earthshine_world::random::{Purpose, hash, unit_pair};
 use earthshine_world::{Light, Vec3};
+use std::cell::Cell;
 
 /// What becomes of a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,7 +40,7 @@ const FIRST_RAYS: u32 = 8;
 const LIGHT_PATHS: u64 = 4;
 const LIGHT_PATH_SEGMENTS: u64 = 6;
 
-/// Tells the exposure of points; one for a whole bake.
+/// Tells the exposure of points; one a thread.
 #[derive(Debug)]
 pub struct ExposureTest<'a> {
     /// The scene.
@@ -52,6 +53,8 @@ pub struct ExposureTest<'a> {
     pub off_surface_m: f32,
     /// Of the bake.
     pub seed: u64,
+    /// Rays cast so far.
+    pub cast: Cell<u64>,
 }
 
 impl ExposureTest<'_> {
@@ -64,6 +67,7 @@ impl ExposureTest<'_> {
         for index in 0..self.rays {
             let (u, v) = spread_pair(index, shift_u, shift_v);
             let direction = cosine_direction(sample.normal, u, v);
+            self.count_ray();
             if let Some(hit) = self.tracer.closest(origin, direction, 0.0, f32::INFINITY) {
                 back += u32::from(self.is_back(&hit));
                 near += u32::from(hit.distance < NEAR_VOXELS * self.voxel_edge_m);
@@ -86,6 +90,10 @@ impl ExposureTest<'_> {
         }
     }
 
+    fn count_ray(&self) {
+        self.cast.set(self.cast.get() + 1);
+    }
+
     fn is_back(&self, hit: &Hit) -> bool {
         let scene = self.tracer.scene();
         !hit.front && !scene.materials[scene.material_of[hit.triangle] as usize].double_sided
@@ -104,6 +112,7 @@ impl ExposureTest<'_> {
                 }
                 let (u, v) = unit_pair(bits);
                 let direction = cosine_direction(side, u, v);
+                self.count_ray();
                 let Some(hit) = self.tracer.closest(place, direction, 0.0, f32::INFINITY) else {
                     return true;
                 };
@@ -135,6 +144,9 @@ impl ExposureTest<'_> {
         let towards = (position - place) / distance.max(f32::MIN_POSITIVE);
         range_m.is_none_or(|range| distance < range)
             && cone.is_none_or(|(axis, cosine)| -towards.dot(axis) > cosine)
-            && !self.tracer.is_blocked(place, towards, distance)
+            && {
+                self.count_ray();
+                !self.tracer.is_blocked(place, towards, distance)
+            }
     }
 }

@@ -1,11 +1,14 @@
-//! Samples to patches: what faces one direction in one voxel.
+//! Samples to patches: what faces one direction in one voxel, or what one cluster holds.
 
+use crate::clusters::ClusterOf;
 use crate::exposure::Exposure;
 use crate::hidden::HiddenPlaces;
+use crate::places::{ClusterPlaces, Owners, Place, Places};
+use crate::rows::patch_key;
 use crate::sample::{SurfaceSample, side_weights};
 use earthshine_tiles::BakeParameters;
 use earthshine_world::random::{Purpose, hash, unit_f32};
-use earthshine_world::{AxisWeights, ChunkCoord, Direction, Grid, Patch, Rgb, Vec3, VoxelCoord};
+use earthshine_world::{ChunkCoord, Direction, Grid, Patch, Rgb, Vec3, VoxelCoord};
 use std::collections::{BTreeMap, HashMap};
 
 /// Patches below this share of a voxel's face that do not emit are left out: slivers where geometry grazes a
@@ -17,6 +20,8 @@ const AREA_MIN: f32 = 1e-4;
 pub struct BakePatch {
     /// As it goes into the tile; its points are numbered when the chunk is emitted.
     pub patch: Patch,
+    /// What its random numbers hang on: see [`patch_key`].
+    pub key: u64,
     /// Samples it consists of, with weight `w_a * s_p`, cumulated: the last is the patch's area.
     pub samples: Vec<(u32, f32)>,
 }
@@ -28,8 +33,7 @@ pub struct PatchSet {
     pub patches: Vec<BakePatch>,
     /// Which run of [`Self::patches`] each chunk owns, ascending.
     pub chunks: BTreeMap<[i32; 3], std::ops::Range<u32>>,
-    /// Patch of each (voxel, direction), or [`PatchSet::NONE`]. Only looked up, never iterated.
-    by_voxel: HashMap<VoxelCoord, [u32; 6]>,
+    places: Places,
     hidden: HiddenPlaces,
 }
 
@@ -37,16 +41,20 @@ impl PatchSet {
     /// No patch here.
     pub const NONE: u32 = u32::MAX;
 
-    /// The patches of `voxel` by direction.
+    /// The axis-aligned patches of `voxel` by direction; clusters are not found by direction.
     #[must_use]
     pub fn of_voxel(&self, voxel: VoxelCoord) -> [u32; 6] {
-        self.by_voxel.get(&voxel).copied().unwrap_or([Self::NONE; 6])
+        self.places.of_voxel(voxel)
     }
 
-    /// Whether a hit at `place` on side `side` in `voxel` is one that the voxel's patches left out.
+    /// Whose `place` is, with the share of each; [`Self::NONE`] where there is no patch. `None` for a place that its
+    /// voxel's patches left out.
     #[must_use]
-    pub fn is_left_out(&self, side: u32, voxel: VoxelCoord, place: Vec3) -> bool {
-        self.hidden.contains(side, voxel, place)
+    pub fn owners(&self, place: &Place) -> Option<Owners> {
+        if self.hidden.contains(place.side, place.voxel, place.position) {
+            return None;
+        }
+        Some(self.places.owners(place))
     }
 
     /// Number of patches.
@@ -61,7 +69,7 @@ impl PatchSet {
         self.patches.is_empty()
     }
 
-    /// Groups `samples` into patches.
+    /// Groups `samples` into axis-aligned patches.
     #[must_use]
     pub fn group(samples: &[SurfaceSample], parameters: &BakeParameters) -> Self {
         let grid = parameters.grid;
@@ -73,37 +81,61 @@ impl PatchSet {
             for (direction, weight) in side_weights(parameters.weights, sample.normal) {
                 if weight > 0.0 {
                     contributions.push(Contribution {
-                        key: sort_key(&grid, sample.voxel, direction),
+                        key: sort_key(&grid, sample.voxel, direction, direction as u8),
                         sample: index as u32,
                         weight: weight * sample.area,
                     });
                 }
             }
         }
+        let places = Places::Axis { by_voxel: HashMap::new(), weights: parameters.weights };
+        Self::from_contributions(contributions, samples, &grid, places)
+    }
+
+    /// Makes one patch of each cluster; `clusters` says which one each of `samples` belongs to.
+    #[must_use]
+    pub fn of_clusters(
+        samples: &[SurfaceSample],
+        clusters: &[Option<ClusterOf>],
+        parameters: &BakeParameters,
+    ) -> Self {
+        let grid = parameters.grid;
+        let contributions = samples
+            .iter()
+            .zip(clusters)
+            .enumerate()
+            .filter_map(|(index, (sample, cluster))| {
+                let ClusterOf { ordinal, direction } = (*cluster)?;
+                let key = sort_key(&grid, sample.voxel, direction, ordinal);
+                Some(Contribution { key, sample: index as u32, weight: sample.area })
+            })
+            .collect();
+        Self::from_contributions(contributions, samples, &grid, Places::Clusters(ClusterPlaces::default()))
+    }
+
+    fn from_contributions(
+        mut contributions: Vec<Contribution>,
+        samples: &[SurfaceSample],
+        grid: &Grid,
+        places: Places,
+    ) -> Self {
         contributions.sort_by_key(|c| (c.key, c.sample));
-        let mut set = Self {
-            patches: Vec::new(),
-            chunks: BTreeMap::new(),
-            by_voxel: HashMap::new(),
-            hidden: HiddenPlaces::default(),
-        };
+        let mut set =
+            Self { patches: Vec::new(), chunks: BTreeMap::new(), places, hidden: HiddenPlaces::default() };
         for run in contributions.chunk_by(|a, b| a.key == b.key) {
-            set.push(run, samples, &grid);
+            set.push(run, samples, grid);
         }
-        let is_left_out: Vec<bool> =
-            samples.iter().map(|sample| set.outshines(sample, parameters.weights)).collect();
+        let is_left_out: Vec<bool> = samples.iter().map(|sample| set.outshines(sample)).collect();
         set.hidden = HiddenPlaces::collect(samples, &is_left_out);
         set
     }
 
     /// Whether `sample` lies behind a patch that glows as it does not itself.
-    fn outshines(&self, sample: &SurfaceSample, weights: AxisWeights) -> bool {
+    fn outshines(&self, sample: &SurfaceSample) -> bool {
         if matches!(sample.exposure, Exposure::Open(_)) {
             return false;
         }
-        let patches = self.of_voxel(sample.voxel);
-        side_weights(weights, sample.normal).iter().any(|&(direction, weight)| {
-            let patch = patches[direction.index()];
+        self.places.owners(&sample.place()).iter().any(|&(patch, weight)| {
             weight > 0.0
                 && patch != Self::NONE
                 && self.patches[patch as usize].patch.emission.max_element()
@@ -112,33 +144,47 @@ impl PatchSet {
     }
 
     fn push(&mut self, run: &[Contribution], samples: &[SurfaceSample], grid: &Grid) {
-        let direction = run[0].key.1;
+        let (_, direction, _, ordinal) = run[0].key;
         let voxel = samples[run[0].sample as usize].voxel;
-        let merged = merge(run, samples, voxel, direction);
+        let merged = merge(run, samples, voxel, direction, ordinal);
         let face = grid.voxel_edge_m * grid.voxel_edge_m;
-        if merged.patch.area < AREA_MIN * face && merged.patch.emission == Rgb::ZERO {
-            return;
+        let is_sliver = merged.patch.area < AREA_MIN * face && merged.patch.emission == Rgb::ZERO;
+        let index = if is_sliver { Self::NONE } else { self.patches.len() as u32 };
+        match &mut self.places {
+            Places::Axis { by_voxel, .. } if !is_sliver => {
+                by_voxel.entry(voxel).or_insert([Self::NONE; 6])[direction.index()] = index;
+            }
+            Places::Axis { .. } => {}
+            Places::Clusters(places) => {
+                let members = || run.iter().map(|contribution| &samples[contribution.sample as usize]);
+                let normal = members().map(|sample| sample.normal * sample.area).sum::<Vec3>();
+                members()
+                    .for_each(|sample| places.add(&sample.place(), index, normal.normalize_or(Vec3::Y)));
+            }
         }
-        let index = self.patches.len() as u32;
-        let chunk = grid.chunk_of(voxel).to_array();
-        let range = self.chunks.entry(chunk).or_insert(index..index);
-        range.end = index + 1;
-        self.by_voxel.entry(voxel).or_insert([Self::NONE; 6])[direction.index()] = index;
-        self.patches.push(merged);
+        if !is_sliver {
+            let chunk = grid.chunk_of(voxel).to_array();
+            let range = self.chunks.entry(chunk).or_insert(index..index);
+            range.end = index + 1;
+            self.patches.push(merged);
+        }
     }
 }
 
+/// Chunk, direction, Morton code of the voxel, and what tells patches of one voxel and direction apart.
+type SortKey = ([i32; 3], Direction, u32, u8);
+
 /// One sample's share in one patch.
 struct Contribution {
-    key: ([i32; 3], Direction, u32),
+    key: SortKey,
     sample: u32,
     weight: f32,
 }
 
-fn sort_key(grid: &Grid, voxel: VoxelCoord, direction: Direction) -> ([i32; 3], Direction, u32) {
+fn sort_key(grid: &Grid, voxel: VoxelCoord, direction: Direction, ordinal: u8) -> SortKey {
     let chunk: ChunkCoord = grid.chunk_of(voxel);
     let local = voxel - chunk * grid.chunk_edge_voxels.cast_signed();
-    (chunk.to_array(), direction, morton(local.to_array()))
+    (chunk.to_array(), direction, morton(local.to_array()), ordinal)
 }
 
 /// Interleaves the low ten bits of three numbers.
@@ -163,6 +209,7 @@ fn merge(
     samples: &[SurfaceSample],
     voxel: VoxelCoord,
     direction: Direction,
+    ordinal: u8,
 ) -> BakePatch {
     let (mut area, mut seen) = (0.0f64, 0.0f64);
     let mut centroid = glam::DVec3::ZERO;
@@ -193,6 +240,7 @@ fn merge(
             point_first: 0,
             point_count: 0,
         },
+        key: patch_key(voxel, usize::from(ordinal)),
         samples: cumulated,
     }
 }
@@ -208,9 +256,9 @@ impl BakePatch {
 
     /// At most `count` samples that stand for equal shares of the patch, for direct light.
     #[must_use]
-    pub fn representative_samples(&self, count: u32, seed: u64, key: u64) -> Vec<u32> {
+    pub fn representative_samples(&self, count: u32, seed: u64) -> Vec<u32> {
         let count = (count.max(1) as usize).min(self.samples.len());
-        let shift = unit_f32(hash(seed, Purpose::PointChoice, key, 0));
+        let shift = unit_f32(hash(seed, Purpose::PointChoice, self.key, 0));
         (0..count).map(|i| self.sample_at((i as f32 + shift) / count as f32)).collect()
     }
 }

@@ -52,18 +52,25 @@ pub fn enforce(rows: &mut [RawRow], areas: &[f32]) -> Balance {
 /// Replaces both shares of each pair by their weighted mean.
 fn average(rows: &mut [RawRow], areas: &[f32]) {
     let mut incoming: Vec<Vec<(u32, f32)>> = vec![Vec::new(); rows.len()];
+    let weights: Vec<f32> = rows.iter().map(|row| row.rays as f32).collect();
     for (i, row) in rows.iter().enumerate() {
         for &(j, share) in &row.entries {
             incoming[j as usize].push((i as u32, share));
         }
     }
     rows.par_iter_mut().zip(incoming).enumerate().for_each(|(i, (row, seen_from))| {
-        row.entries = merge_estimates(i, &row.entries, &seen_from, areas);
+        row.entries = merge_estimates(i, &row.entries, &seen_from, areas, &weights);
     });
 }
 
 /// Own estimates and those of the other side, both ascending; a pair that one side missed counts as zero there.
-fn merge_estimates(i: usize, own: &[(u32, f32)], other: &[(u32, f32)], areas: &[f32]) -> Vec<(u32, f32)> {
+fn merge_estimates(
+    i: usize,
+    own: &[(u32, f32)],
+    other: &[(u32, f32)],
+    areas: &[f32],
+    rays: &[f32],
+) -> Vec<(u32, f32)> {
     let mut merged = Vec::with_capacity(own.len().max(other.len()));
     let (mut a, mut b) = (own.iter().peekable(), other.iter().peekable());
     loop {
@@ -76,8 +83,9 @@ fn merge_estimates(i: usize, own: &[(u32, f32)], other: &[(u32, f32)], areas: &[
         let from_here = a.next_if(|x| x.0 == j).map_or(0.0, |x| x.1);
         let from_there = b.next_if(|y| y.0 == j).map_or(0.0, |y| y.1);
         let (area, other_area) = (areas[i], areas[j as usize]);
-        // Weights 1/A, exchange A_i F_ij from here and A_j F_ji from there, divided by A_i again.
-        let exchange = (from_here + from_there) / (1.0 / area + 1.0 / other_area);
+        let (here, there) = (rays[i], rays[j as usize]);
+        // Weights R/A, exchange A_i F_ij from here and A_j F_ji from there, divided by A_i again.
+        let exchange = (from_here * here + from_there * there) / (here / area + there / other_area);
         merged.push((j, exchange / area));
     }
 }
@@ -133,7 +141,7 @@ mod tests {
     use super::*;
 
     fn row(entries: &[(u32, f32)], sky: f32) -> RawRow {
-        RawRow { entries: entries.to_vec(), sky: [sky, 0.0, 0.0, 0.0, 0.0, 0.0], absorbed: 0.0 }
+        RawRow { entries: entries.to_vec(), sky: [sky, 0.0, 0.0, 0.0, 0.0, 0.0], absorbed: 0.0, rays: 64 }
     }
 
     #[test]
@@ -153,6 +161,14 @@ mod tests {
             }
         }
         assert!(balance.deficit_max < 0.05, "{balance:?}");
+    }
+
+    #[test]
+    fn more_rays_weigh_more() {
+        let mut rows = vec![row(&[(1, 0.3)], 0.7), row(&[(0, 0.1)], 0.9)];
+        rows[0].rays = 192;
+        average(&mut rows, &[1.0, 1.0]);
+        assert!((rows[0].entries[0].1 - 0.25).abs() < 1e-6 && rows[1].entries[0].1 == rows[0].entries[0].1);
     }
 
     #[test]

@@ -1,12 +1,14 @@
 //! One row by cosine-weighted rays: where the light that arrives at a patch comes from.
 
 use crate::patches::PatchSet;
-use crate::sample::{SurfaceSample, side_of, side_weights, voxel_of};
+use crate::places::{Owners, Place};
+use crate::sample::{SurfaceSample, side_of, voxel_of};
+use crate::spread::Spread;
 use earthshine_tiles::BakeParameters;
-use earthshine_trace::SceneTracer;
-use earthshine_trace::hemisphere::{cosine_direction, spread_pair};
-use earthshine_world::random::{Purpose, hash, unit_pair};
-use earthshine_world::{AxisWeights, Direction, Vec3};
+use earthshine_trace::hemisphere::cosine_direction;
+use earthshine_trace::{Hit, SceneTracer};
+use earthshine_world::{AxisWeights, Vec3};
+use std::ops::Range;
 
 /// A row as the rays of its own patch see it; columns are indices into the whole [`PatchSet`].
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -17,55 +19,108 @@ pub struct RawRow {
     pub sky: [f32; 6],
     /// Hits on sides without patches.
     pub absorbed: f32,
+    /// Rays that it rests on: its weight against other estimates.
+    pub rays: u32,
 }
 
 /// How far off its surface a ray begins, as a share of a voxel's edge.
 pub const RAY_OFFSET: f32 = 1e-4;
 
-/// Traces the row of patch `index`.
-#[must_use]
-pub fn trace_row(
-    tracer: &SceneTracer<'_>,
-    samples: &[SurfaceSample],
-    set: &PatchSet,
-    index: u32,
-    parameters: &BakeParameters,
-) -> RawRow {
-    let source = &set.patches[index as usize];
-    let rays = parameters.rays_per_patch.max(1);
-    let edge = parameters.grid.voxel_edge_m;
-    let key = patch_key(source.patch.voxel, source.patch.direction.index());
-    let (shift_u, shift_v) = unit_pair(hash(parameters.seed, Purpose::RowRay, key, 0));
-    let mut row = RawRow { entries: Vec::with_capacity(rays as usize), ..RawRow::default() };
-    let share = 1.0 / rays as f32;
-    for ray in 0..rays {
-        let (u, v) = spread_pair(ray, shift_u, shift_v);
-        let sample = &samples[source.sample_at((ray as f32 + 0.5) * share) as usize];
-        let direction = cosine_direction(sample.normal, u, v);
-        let origin = sample.position + sample.normal * (RAY_OFFSET * edge);
-        match tracer.closest(origin, direction, 0.0, f32::INFINITY) {
-            None => add_sky(&mut row.sky, direction, share),
-            Some(hit) => {
-                let place = origin + direction * hit.distance;
-                let normal = tracer.normal(&hit);
-                let voxel = voxel_of(place, normal, edge);
-                if set.is_left_out(side_of(hit.triangle, hit.front), voxel, place) {
-                    row.absorbed += share;
-                } else {
-                    row.add_hit(set.of_voxel(voxel), side_weights(parameters.weights, normal), share);
-                }
+/// Casts the rays of rows.
+#[derive(Debug, Clone, Copy)]
+pub struct RowCaster<'a> {
+    /// The scene.
+    pub tracer: &'a SceneTracer<'a>,
+    /// Where rays begin.
+    pub samples: &'a [SurfaceSample],
+    /// Where they end.
+    pub set: &'a PatchSet,
+    /// Of the bake.
+    pub parameters: &'a BakeParameters,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Ray {
+    origin: Vec3,
+    direction: Vec3,
+}
+
+/// Number of the cell that a unit vector lies in, of eight a component, in Morton order: octants first.
+fn direction_cell(direction: Vec3) -> u32 {
+    let cell = ((direction + 1.0) * 4.0).as_uvec3().min(glam::UVec3::splat(7));
+    let spread = |bits: u32| bits & 1 | (bits & 2) << 2 | (bits & 4) << 4;
+    spread(cell.x) | spread(cell.y) << 1 | spread(cell.z) << 2
+}
+
+impl RowCaster<'_> {
+    /// The row of patch `index` as `rays` rays see it.
+    #[must_use]
+    pub fn row(&self, index: u32, rays: u32) -> RawRow {
+        let spread = self.spread(index, rays);
+        self.run(index, &spread, 0..rays)
+    }
+
+    /// The pairs of numbers of patch `index`.
+    pub(crate) fn spread(&self, index: u32, rays: u32) -> Spread {
+        let key = self.set.patches[index as usize].key;
+        Spread::new(self.parameters.method.spread, rays, self.parameters.seed, key)
+    }
+
+    /// The row of patch `index` as the rays numbered `run` see it: they go over all of the patch, in the order of its
+    /// samples, so that each sample gets a run of its own.
+    pub(crate) fn run(&self, index: u32, spread: &Spread, run: Range<u32>) -> RawRow {
+        let rays = run.len() as u32;
+        let share = 1.0 / rays as f32;
+        let mut row = RawRow { entries: Vec::with_capacity(rays as usize), rays, ..RawRow::default() };
+        for Ray { origin, direction } in self.rays(index, spread, run) {
+            match self.tracer.closest(origin, direction, 0.0, f32::INFINITY) {
+                None => add_sky(&mut row.sky, direction, share),
+                Some(hit) => row.add_hit(self.owners(&hit, origin + direction * hit.distance), share),
             }
         }
+        row.merge();
+        row
     }
-    row.merge();
-    row
+
+    /// The rays numbered `run`, those next to each other in one direction: they meet the same part of the tree.
+    fn rays(&self, index: u32, spread: &Spread, run: Range<u32>) -> Vec<Ray> {
+        let source = &self.set.patches[index as usize];
+        let off_surface_m = RAY_OFFSET * self.parameters.grid.voxel_edge_m;
+        let share = 1.0 / run.len() as f32;
+        let rays: Vec<Ray> = run
+            .enumerate()
+            .map(|(place, ray)| {
+                let (u, v) = spread.pair(ray);
+                let sample = &self.samples[source.sample_at((place as f32 + 0.5) * share) as usize];
+                let direction = cosine_direction(sample.normal, u, v);
+                Ray { origin: sample.position + sample.normal * off_surface_m, direction }
+            })
+            .collect();
+        let mut order: Vec<u64> = (0u64..)
+            .zip(&rays)
+            .map(|(place, ray)| u64::from(direction_cell(ray.direction)) << 32 | place)
+            .collect();
+        order.sort_unstable();
+        order.iter().map(|&keyed| rays[(keyed & 0xFFFF_FFFF) as usize]).collect()
+    }
+
+    /// Whose `hit` at `position` is.
+    fn owners(&self, hit: &Hit, position: Vec3) -> Option<Owners> {
+        let normal = self.tracer.normal(hit);
+        let voxel = voxel_of(position, normal, self.parameters.grid.voxel_edge_m);
+        self.set.owners(&Place { side: side_of(hit.triangle, hit.front), voxel, position, normal })
+    }
 }
 
 impl RawRow {
-    fn add_hit(&mut self, patches: [u32; 6], weights: [(Direction, f32); 3], share: f32) {
-        for (direction, weight) in weights {
+    fn add_hit(&mut self, owners: Option<Owners>, share: f32) {
+        let Some(owners) = owners else {
+            self.absorbed += share;
+            return;
+        };
+        for (patch, weight) in owners {
             if weight > 0.0 {
-                match patches[direction.index()] {
+                match patch {
                     PatchSet::NONE => self.absorbed += share * weight,
                     patch => self.entries.push((patch, share * weight)),
                 }
@@ -73,7 +128,8 @@ impl RawRow {
         }
     }
 
-    fn merge(&mut self) {
+    /// Sorts the entries and adds up those of one patch.
+    pub(crate) fn merge(&mut self) {
         self.entries.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
         self.entries.dedup_by(|later, kept| {
             let same = later.0 == kept.0;

@@ -5,6 +5,7 @@
 
 use crate::clip::{Polygon, clip_to_grid};
 use crate::exposure::Exposure;
+use crate::places::Place;
 use earthshine_scene::Scene;
 use earthshine_tiles::BakeParameters;
 use earthshine_world::random::{Purpose, hash, unit_pair};
@@ -12,7 +13,7 @@ use earthshine_world::{AxisWeights, Direction, Rgb, Vec3, VoxelCoord};
 
 /// Share of a voxel's edge by which points are moved off their surface when their voxel is looked up, so
 /// that a wall in a face of the grid belongs to the voxel it faces.
-const OFF_SURFACE: f32 = 1e-3;
+pub(crate) const OFF_SURFACE: f32 = 1e-3;
 
 /// Directions with less weight than this are left out and the others scaled up: a wall that is out of true
 /// by two degrees has no patch sideways.
@@ -20,7 +21,7 @@ const WEIGHT_MIN: f32 = 2e-3;
 
 /// Points are moved this share of a voxel's edge towards the middle of their triangle: a ray that begins in
 /// the very edge of a room could slip out through it.
-const OFF_EDGE: f32 = 1e-3;
+pub(crate) const OFF_EDGE: f32 = 1e-3;
 
 /// A point on one side of a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -41,6 +42,14 @@ pub struct SurfaceSample {
     pub emission: Rgb,
     /// Whether it counts, and how much.
     pub exposure: Exposure,
+}
+
+impl SurfaceSample {
+    /// Where it lies.
+    #[must_use]
+    pub fn place(&self) -> Place {
+        Place { side: self.side, voxel: self.voxel, position: self.position, normal: self.normal }
+    }
 }
 
 /// The number of a side of a triangle.
@@ -144,7 +153,7 @@ fn point_at(polygon: &Polygon, along: f32, across: f32) -> Vec3 {
 }
 
 /// `position` moved at most `distance` towards the middle of its triangle, and never far compared with it.
-fn inset([a, b, c]: [Vec3; 3], position: Vec3, distance: f32) -> Vec3 {
+pub(crate) fn inset([a, b, c]: [Vec3; 3], position: Vec3, distance: f32) -> Vec3 {
     let inwards = (a + b + c) / 3.0 - position;
     position + inwards.clamp_length_max(distance.min(inwards.length() * 0.1))
 }

@@ -1,12 +1,13 @@
 //! The stages of a bake, run in order.
 
+use crate::builder::Builder;
 use crate::checkpoint::Checkpoints;
 use crate::emit::{Emitter, occluders_by_chunk};
-use crate::exposure::{Exposure, ExposureTest};
-use crate::patches::PatchSet;
+use crate::estimator::Estimator;
+use crate::exposure::Exposure;
 use crate::progress::{Progress, Stage};
-use crate::rows::{RAY_OFFSET, RawRow, trace_row};
-use crate::sample::{SurfaceSample, sample_triangle};
+use crate::rows::{RawRow, RowCaster};
+use crate::sample::SurfaceSample;
 use crate::{BakeError, BakeSummary, identity, reciprocity};
 use earthshine_scene::Scene;
 use earthshine_tiles::{
@@ -37,9 +38,6 @@ pub struct BakeOptions {
     pub overwrite: bool,
 }
 
-/// Triangles, points or patches handled between two progress reports.
-const BATCH: usize = 1024;
-
 /// Bakes `scene` into the folder `world`.
 ///
 /// A world that is whole and of the same hash is left alone. An interrupted bake goes on where it stopped.
@@ -67,19 +65,21 @@ pub fn bake(
     progress.begin(Stage::Tree, scene.triangles.len() as u64);
     let tracer = SceneTracer::new(scene);
     clock.end(Stage::Tree);
-    let samples = covered(scene, parameters, progress);
+    let builder = Builder { tracer: &tracer, parameters };
+    let mut samples = builder.samples(progress);
     clock.summary.samples = samples.len() as u64;
     clock.end(Stage::Sample);
-    let samples = exposed(&tracer, samples, parameters, progress);
+    clock.summary.exposure_rays = builder.expose(&mut samples, progress);
     let is_buried = |sample: &&SurfaceSample| sample.exposure == Exposure::Buried;
     clock.summary.buried_samples = samples.iter().filter(is_buried).count() as u64;
-    let set = PatchSet::group(&samples, parameters);
+    let set = builder.patches(&samples);
     clock.end(Stage::Exposure);
     if set.is_empty() {
         return Err(BakeError::NoPatches { voxel_edge_m: parameters.grid.voxel_edge_m });
     }
     let checkpoints = Checkpoints::open(world, world_hash)?;
-    let mut rows = traced(&tracer, &samples, &set, parameters, &checkpoints, clock.summary, progress)?;
+    let caster = RowCaster { tracer: &tracer, samples: &samples, set: &set, parameters };
+    let mut rows = traced(caster, &checkpoints, clock.summary, progress)?;
     clock.end(Stage::Rows);
     progress.begin(Stage::Reciprocity, rows.len() as u64);
     let areas: Vec<f32> = set.patches.iter().map(|p| p.patch.area).collect();
@@ -131,6 +131,9 @@ fn check(parameters: &BakeParameters) -> Result<(), BakeError> {
     if !(1..=1 << 20).contains(&rays) {
         let (name, cause) = ("rays per patch", "must be 1 to 1,048,576");
         return Err(BakeError::Parameter { name, value: rays.to_string(), cause });
+    }
+    if let Some((name, cause)) = parameters.method.fault() {
+        return Err(BakeError::Parameter { name, value: format!("{:?}", parameters.method), cause });
     }
     Ok(())
 }
@@ -185,67 +188,16 @@ fn finished_before(world: &Path, mut summary: BakeSummary) -> Result<BakeSummary
     Ok(summary)
 }
 
-fn covered(scene: &Scene, parameters: &BakeParameters, progress: &dyn Progress) -> Vec<SurfaceSample> {
-    let total = scene.triangles.len();
-    progress.begin(Stage::Sample, total as u64);
-    let batches: Vec<Vec<SurfaceSample>> = (0..total.div_ceil(BATCH))
-        .into_par_iter()
-        .map(|batch| {
-            let mut samples = Vec::new();
-            let range = batch * BATCH..((batch + 1) * BATCH).min(total);
-            let done = range.len() as u64;
-            for triangle in range {
-                sample_triangle(scene, triangle, parameters, |sample| samples.push(sample));
-            }
-            progress.advance(done);
-            samples
-        })
-        .collect();
-    batches.concat()
-}
-
-/// Tells how exposed each sample is.
-fn exposed(
-    tracer: &SceneTracer<'_>,
-    mut samples: Vec<SurfaceSample>,
-    parameters: &BakeParameters,
-    progress: &dyn Progress,
-) -> Vec<SurfaceSample> {
-    if parameters.buried_rays == 0 {
-        return samples;
-    }
-    progress.begin(Stage::Exposure, samples.len() as u64);
-    let voxel_edge_m = parameters.grid.voxel_edge_m;
-    let off_surface_m = RAY_OFFSET * voxel_edge_m;
-    let (rays, seed) = (parameters.buried_rays, parameters.seed);
-    let test = ExposureTest { tracer, rays, voxel_edge_m, off_surface_m, seed };
-    let exposures: Vec<Exposure> = samples
-        .par_chunks(BATCH)
-        .enumerate()
-        .flat_map_iter(|(batch, run)| {
-            let number = |i: usize| (batch * BATCH + i) as u64;
-            let found: Vec<Exposure> =
-                run.iter().enumerate().map(|(i, sample)| test.of(sample, number(i))).collect();
-            progress.advance(run.len() as u64);
-            found
-        })
-        .collect();
-    for (sample, exposure) in samples.iter_mut().zip(exposures) {
-        sample.exposure = exposure;
-    }
-    samples
-}
-
 fn traced(
-    tracer: &SceneTracer<'_>,
-    samples: &[SurfaceSample],
-    set: &PatchSet,
-    parameters: &BakeParameters,
+    caster: RowCaster<'_>,
     checkpoints: &Checkpoints,
     summary: &mut BakeSummary,
     progress: &dyn Progress,
 ) -> Result<Vec<RawRow>, BakeError> {
-    let rays = u64::from(parameters.rays_per_patch);
+    let estimator = Estimator::new(caster)?;
+    let set = caster.set;
+    // What a row takes where its error decides is not known before.
+    let rays = u64::from(caster.parameters.rays_per_patch);
     progress.begin(Stage::Rows, set.len() as u64 * rays);
     let started = Instant::now();
     let (cast, resumed) = (AtomicU64::new(0), AtomicU64::new(0));
@@ -261,12 +213,13 @@ fn traced(
             let rows: Vec<RawRow> = Range::clone(range)
                 .into_par_iter()
                 .map(|patch| {
-                    let row = trace_row(tracer, samples, set, patch, parameters);
+                    let row = estimator.row(patch);
                     progress.advance(rays);
                     row
                 })
                 .collect();
-            cast.fetch_add(rays * range.len() as u64, Ordering::Relaxed);
+            let spent = rows.iter().map(|row| u64::from(row.rays)).sum();
+            cast.fetch_add(spent, Ordering::Relaxed);
             checkpoints.save(**coord, &rows)?;
             Ok(rows)
         })
@@ -356,5 +309,7 @@ fn count(summary: &mut BakeSummary, manifest: &Manifest, started: Instant) {
     let size = manifest.bounds.size().as_dvec3();
     summary.bytes_per_km2 = summary.world_bytes as f64 / (size.x * size.z).max(1e-9) * 1e6;
     summary.seconds = started.elapsed().as_secs_f64();
+    let core_seconds = summary.seconds.max(1e-9) * rayon::current_num_threads() as f64;
+    summary.mrays_s_core_whole = (summary.rays + summary.exposure_rays) as f64 / core_seconds / 1e6;
     summary.patches_s = summary.patches as f64 / summary.seconds.max(1e-9);
 }

@@ -25,8 +25,12 @@ pub struct BakeSummary {
     pub resumed_chunks: u64,
     /// Whether the world was there already, whole.
     pub up_to_date: bool,
-    /// Rays of rows a second and core, in millions.
+    /// Rays that told how exposed points are, in this run.
+    pub exposure_rays: u64,
+    /// Rays of rows a second and core, in millions, while rows were traced.
     pub mrays_s_core: f64,
+    /// Rays of rows and of exposure over all seconds of the bake and all cores, in millions.
+    pub mrays_s_core_whole: f64,
     /// Patches a second, over the whole bake.
     pub patches_s: f64,
     /// All files of the world.

@@ -3,7 +3,10 @@
 use earthshine_bake::{BakeError, BakeOptions, BakeSummary, Progress, Silent, Stage, bake, checkpoint};
 use earthshine_gen::{GenOptions, WorldKind};
 use earthshine_scene::{ImportOptions, Scene};
-use earthshine_tiles::{BakeParameters, DirStore, RowCodec, TileStore, check_rows};
+use earthshine_tiles::{
+    BakeMethod, BakeParameters, DirStore, PatchBuilder, RowCodec, RowEstimator, SampleSource, TileStore,
+    check_rows,
+};
 use earthshine_world::{Chunk, Grid, LightRig};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -44,8 +47,28 @@ fn files(world: &Path) -> BTreeMap<String, Vec<u8>> {
 }
 
 fn bake_with(threads: usize, scene: &Scene, world: &Path, progress: &dyn Progress) -> BakeSummary {
+    bake_as(&options(0.4), threads, scene, world, progress)
+}
+
+fn bake_as(
+    options: &BakeOptions,
+    threads: usize,
+    scene: &Scene,
+    world: &Path,
+    progress: &dyn Progress,
+) -> BakeSummary {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-    pool.install(|| bake(scene, world, &options(0.4), progress).expect("a bake"))
+    pool.install(|| bake(scene, world, options, progress).expect("a bake"))
+}
+
+/// One of everything that is not the default.
+fn methods() -> [BakeMethod; 3] {
+    let base = BakeMethod::default();
+    [
+        BakeMethod { samples: SampleSource::Hammersley, builder: PatchBuilder::Clustered, ..base },
+        BakeMethod { row_error: 0.05, rays_min: 128, rays_max: 1024, ..base },
+        BakeMethod { estimator: RowEstimator::Points, ..base },
+    ]
 }
 
 fn chunks(world: &Path) -> Vec<Chunk> {
@@ -94,6 +117,32 @@ fn the_same_bytes_at_any_thread_count_and_after_an_interruption() {
     assert!(resumed.resumed_chunks > 0 && resumed.rays < summary.rays, "{resumed:?}");
     assert_eq!(files(&one), files(&cut));
     assert!(!cut.join(checkpoint::FOLDER).is_dir());
+}
+
+#[test]
+fn other_methods_are_as_reproducible_and_their_rows_as_sound() {
+    let scene = scene(WorldKind::Cornell);
+    for (index, method) in methods().into_iter().enumerate() {
+        let mut options = options(0.4);
+        options.parameters = BakeParameters { method, points_per_patch: 4, ..options.parameters };
+        let folder = tempfile::tempdir().expect("a folder");
+        let [one, cut] = ["one", "cut"].map(|name| folder.path().join(name));
+        let summary = bake_as(&options, 1, &scene, &one, &Silent);
+        let plug = PullThePlug { total: AtomicU64::new(u64::MAX), done: AtomicU64::new(0) };
+        let stopped = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+            bake_as(&options, 2, &scene, &cut, &plug)
+        }));
+        assert!(stopped.is_err());
+        let resumed = bake_as(&options, 2, &scene, &cut, &Silent);
+        assert!(resumed.rays < summary.rays, "{method:?}");
+        assert_eq!(files(&one), files(&cut), "{method:?}");
+        for chunk in chunks(&one) {
+            assert_eq!(check_rows(&chunk), Vec::new(), "{method:?}, chunk {}", chunk.id);
+        }
+        let fixed = 256 * summary.patches;
+        assert_eq!(index == 1, summary.rays != fixed, "{method:?}: {} rays, not {fixed}", summary.rays);
+        assert!(summary.mrays_s_core_whole > 0.0 && summary.mrays_s_core_whole < 2.0 * summary.mrays_s_core);
+    }
 }
 
 #[test]
@@ -152,5 +201,9 @@ fn impossible_parameters_are_named() {
     let world = folder.path().join("world");
     let result = bake(&scene(WorldKind::Furnace), &world, &options(f32::NAN), &Silent);
     assert!(matches!(result, Err(BakeError::Parameter { name: "voxel edge", .. })));
+    let mut crowded = options(1.0);
+    crowded.parameters.method.clusters_per_voxel = 40;
+    let result = bake(&scene(WorldKind::Furnace), &world, &crowded, &Silent);
+    assert!(matches!(result, Err(BakeError::Parameter { name: "clusters a voxel", .. })));
     assert!(!world.is_dir(), "nothing is made before parameters are checked");
 }

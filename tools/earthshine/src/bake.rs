@@ -15,6 +15,9 @@ use std::path::PathBuf;
 #[command(after_help = "Examples:
   earthshine bake sponza.glb sponza.world --voxel 1
   earthshine bake cornell cornell.world --json     (a generated scene by name)
+  earthshine bake cornell clusters.world --builder clustered --clusters 3
+  earthshine bake cornell points.world --voxel 0.28 --samples hammersley --estimator points
+  earthshine bake town town.world --row-error 0.02
 An interrupted bake goes on where it stopped: run the same command again.")]
 pub(crate) struct BakeArguments {
     /// A .glb or .gltf file, or the name of a generated scene (cornell, furnace, two-rooms, corridor, town).
@@ -94,10 +97,11 @@ fn print_summary(summary: &BakeSummary, world: &std::path::Path) {
         summary.nonzeros
     );
     out!(
-        "{:.1} MB ({:.2} bytes a form factor), {:.2} M rays/s a core, {:.1} s",
+        "{:.1} MB ({:.2} bytes a form factor), {:.2} M rays/s a core ({:.2} over the whole bake), {:.1} s",
         summary.world_bytes as f64 / 1e6,
         summary.tile_bytes_per_nonzero,
         summary.mrays_s_core,
+        summary.mrays_s_core_whole,
         summary.seconds
     );
     if summary.buried_samples > 0 {

@@ -79,7 +79,7 @@ fn code(cause: &(dyn std::error::Error + 'static)) -> Option<u8> {
     }
     if let Some(error) = cause.downcast_ref::<BakeError>() {
         return Some(match error {
-            BakeError::Parameter { .. } | BakeError::TooFine { .. } => USAGE,
+            BakeError::Parameter { .. } | BakeError::TooFine { .. } | BakeError::TooManyPairs { .. } => USAGE,
             BakeError::TooManyPatches { .. } | BakeError::NoPatches { .. } => INPUT,
             BakeError::OtherWorld { .. } => WORLD,
             BakeError::Io { .. } => STORAGE,

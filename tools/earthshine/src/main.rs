@@ -8,6 +8,7 @@
 mod bake;
 mod bench;
 mod causes;
+mod cluster_light;
 mod compare;
 mod demo;
 mod error_view;
@@ -17,6 +18,7 @@ mod generate;
 mod inspect;
 mod lights_wire;
 mod machine;
+mod method;
 mod output;
 mod progress_bars;
 mod quality;

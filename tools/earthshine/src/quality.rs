@@ -1,5 +1,6 @@
 //! What the bytes of a bake depend on, as flags; shared by `bake` and `bench`.
 
+use crate::method::MethodArguments;
 use crate::scene_source::SceneSource;
 use clap::{Args, ValueEnum};
 use earthshine_gen::WorldKind;
@@ -41,6 +42,8 @@ pub(crate) struct QualityArguments {
     /// Whether metals reflect their base colour diffusely or nothing.
     #[arg(long, default_value = "diffuse")]
     metals: Metals,
+    #[command(flatten)]
+    method: MethodArguments,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -79,6 +82,7 @@ impl QualityArguments {
             },
             two_sided: self.sides.unwrap_or(default_sides) == Sides::Two,
             metals_black: self.metals_black(),
+            method: self.method.method(),
         }
     }
 

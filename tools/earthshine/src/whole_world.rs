@@ -2,10 +2,11 @@
 //!
 //! Not the service: no streaming, no local matrix. Fit for worlds of some hundred thousand patches.
 
+use crate::cluster_light;
 use anyhow::Context as _;
 use earthshine_light::{OccluderSet, Occluders, direct_irradiance};
 use earthshine_radiosity::gather::{GatherLimits, Sources, SparseRows, gather};
-use earthshine_tiles::{DirStore, Manifest, TileStore};
+use earthshine_tiles::{DirStore, Manifest, PatchBuilder, TileStore};
 use earthshine_volume::{Layout, Volume};
 use earthshine_world::{Chunk, ChunkId, LightRig, Rgb};
 use glam::IVec3;
@@ -99,6 +100,10 @@ impl WholeWorld {
         let edge = self.manifest.parameters.grid.voxel_edge_m;
         let dims = (high - low + 1).as_uvec3();
         let mut volume = Volume::new(Layout { level: 0, origin: low, dims, voxel_edge_m: edge })?;
+        if self.manifest.parameters.method.builder == PatchBuilder::Clustered {
+            cluster_light::fill(&mut volume, &self.chunks, light);
+            return Ok(volume);
+        }
         let patches = self.chunks.iter().flat_map(|chunk| &chunk.patches);
         for (index, patch) in patches.enumerate() {
             let (all, sky) = (light.irradiance[index], light.sky_irradiance[index]);

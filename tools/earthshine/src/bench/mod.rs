@@ -5,6 +5,8 @@
 use crate::output::out;
 mod accuracy;
 mod bake;
+mod builders;
+mod estimators;
 mod matrix;
 mod reference;
 mod tiles;
@@ -19,6 +21,9 @@ use serde::Serialize;
   earthshine bench accuracy --scene furnace --json
   earthshine bench accuracy --scene cornell --voxel 0.2 --json
   earthshine bench accuracy --scene sponza.glb --lights sponza.lights.json --reference sponza.mitsuba.csv
+  earthshine bench accuracy --scene cornell --builder clustered --clusters 3 --samples hammersley --json
+  earthshine bench builders --scene cornell --markdown
+  earthshine bench estimators --scene town --targets 0.04,0.02 --markdown
   earthshine bench matrix --swaps 10000 --json")]
 pub(crate) struct BenchArguments {
     #[command(subcommand)]
@@ -38,6 +43,10 @@ enum Suite {
     Matrix(matrix::MatrixArguments),
     /// Size and speed of a world's tiles.
     Tiles(tiles::TilesArguments),
+    /// One scene by every way to make samples, patches and rows: error, patches, seconds, bytes.
+    Builders(builders::BuildersArguments),
+    /// Errors of rows by spread, by sums over points, and with a target.
+    Estimators(estimators::EstimatorsArguments),
     /// Rays, bytes and seconds of a bake.
     Bake(bake::BakeBenchArguments),
 }
@@ -101,6 +110,8 @@ pub(crate) fn run(arguments: &BenchArguments) -> anyhow::Result<()> {
         Suite::Reference(suite) => reference::run(suite, arguments.json),
         Suite::Matrix(suite) => matrix::run(suite, arguments.json),
         Suite::Tiles(suite) => tiles::run(suite, arguments.json),
+        Suite::Builders(suite) => builders::run(suite, arguments.json),
+        Suite::Estimators(suite) => estimators::run(suite, arguments.json),
         Suite::Bake(suite) => bake::run(suite, arguments.json),
     }
 }
