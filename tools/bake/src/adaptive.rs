@@ -106,9 +106,8 @@ mod tests {
 
     /// A batch of independent rays to `columns` patches alike.
     fn batch(columns: u32, key: u64, run: &std::ops::Range<u32>) -> RawRow {
-        let draw = |ray: u32| {
-            (unit_f32(hash(9, Purpose::RowRay, key, u64::from(ray))) * columns as f32) as u32
-        };
+        let draw =
+            |ray: u32| (unit_f32(hash(9, Purpose::RowRay, key, u64::from(ray))) * columns as f32) as u32;
         let share = 1.0 / run.len() as f32;
         let mut row = RawRow { rays: run.len() as u32, ..RawRow::default() };
         row.entries = run.clone().map(|ray| (draw(ray), share)).collect();

@@ -156,7 +156,9 @@ fn merge(mut clusters: Vec<Cluster>, most: usize, distance: f32, grid: &CoarseGr
         (0..clusters.len()).map(|i| nearest_of(&clusters, i)).collect();
     while clusters.len() > 1 {
         let ranked = nearest.iter().enumerate().filter_map(|(i, near)| near.map(|(m, j)| (m, i, j)));
-        let Some((least, i, j)) = ranked.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))) else { break };
+        let Some((least, i, j)) = ranked.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))) else {
+            break;
+        };
         if clusters.len() <= most && least >= f64::from(distance) {
             break;
         }

@@ -179,7 +179,8 @@ mod tests {
         assert!(relative_error(&even, 16, false).abs() < 1e-4);
         let askew = boxed(Vec3::new(-0.33, 0.11, 0.21), Vec3::new(0.87, 1.23, 0.77));
         for (scene, two_sided) in [(askew, false), (ball(1.0, 24, 48), true)] {
-            let (few, many) = (relative_error(&scene, 16, two_sided), relative_error(&scene, 1024, two_sided));
+            let (few, many) =
+                (relative_error(&scene, 16, two_sided), relative_error(&scene, 1024, two_sided));
             assert!(few.abs() < 0.05 && many.abs() < 0.004, "{few} {many}");
         }
     }

@@ -5,8 +5,9 @@
 //! that their patch left out count as hits on the patch: corners must not lose light.
 
 use crate::sample::SurfaceSample;
+use crate::voxel_map::VoxelMap;
 use earthshine_world::{Vec3, VoxelCoord};
-use std::collections::{HashMap, HashSet};
+use std::collections::HashSet;
 
 /// A piece of one side of a triangle: what one voxel cuts from it.
 type Piece = (u32, VoxelCoord);
@@ -14,7 +15,7 @@ type Piece = (u32, VoxelCoord);
 /// The pieces that have left-out samples, with all of their samples. Only looked up, never iterated.
 #[derive(Debug, Default)]
 pub struct HiddenPlaces {
-    pieces: HashMap<Piece, Vec<(Vec3, bool)>>,
+    pieces: VoxelMap<Piece, Vec<(Vec3, bool)>>,
 }
 
 impl HiddenPlaces {
@@ -27,7 +28,7 @@ impl HiddenPlaces {
             .filter(|(_, left_out)| **left_out)
             .map(|(sample, _)| (sample.side, sample.voxel))
             .collect();
-        let mut pieces: HashMap<Piece, Vec<(Vec3, bool)>> = HashMap::with_capacity(concerned.len());
+        let mut pieces: VoxelMap<Piece, Vec<(Vec3, bool)>> = VoxelMap::default();
         for (sample, &left_out) in samples.iter().zip(is_left_out) {
             let piece = (sample.side, sample.voxel);
             if concerned.contains(&piece) {

@@ -40,6 +40,7 @@ mod stages;
 mod summary;
 #[cfg(test)]
 mod test_shapes;
+mod voxel_map;
 
 // Whoever drives the stages one by one needs it.
 pub use earthshine_trace::SceneTracer;

@@ -6,10 +6,11 @@ use crate::hidden::HiddenPlaces;
 use crate::places::{ClusterPlaces, Owners, Place, Places};
 use crate::rows::patch_key;
 use crate::sample::{SurfaceSample, side_weights};
+use crate::voxel_map::VoxelMap;
 use earthshine_tiles::BakeParameters;
 use earthshine_world::random::{Purpose, hash, unit_f32};
 use earthshine_world::{ChunkCoord, Direction, Grid, Patch, Rgb, Vec3, VoxelCoord};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 
 /// Patches below this share of a voxel's face that do not emit are left out: slivers where geometry grazes a
 /// voxel would be noise to every lookup. What hits them is booked as absorbed.
@@ -88,7 +89,7 @@ impl PatchSet {
                 }
             }
         }
-        let places = Places::Axis { by_voxel: HashMap::new(), weights: parameters.weights };
+        let places = Places::Axis { by_voxel: VoxelMap::default(), weights: parameters.weights };
         Self::from_contributions(contributions, samples, &grid, places)
     }
 
@@ -158,8 +159,7 @@ impl PatchSet {
             Places::Clusters(places) => {
                 let members = || run.iter().map(|contribution| &samples[contribution.sample as usize]);
                 let normal = members().map(|sample| sample.normal * sample.area).sum::<Vec3>();
-                members()
-                    .for_each(|sample| places.add(&sample.place(), index, normal.normalize_or(Vec3::Y)));
+                members().for_each(|sample| places.add(&sample.place(), index, normal.normalize_or(Vec3::Y)));
             }
         }
         if !is_sliver {

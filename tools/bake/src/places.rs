@@ -5,8 +5,8 @@
 //! of its voxel that faces its way most.
 
 use crate::sample::side_weights;
+use crate::voxel_map::VoxelMap;
 use earthshine_world::{AxisWeights, Vec3, VoxelCoord};
-use std::collections::HashMap;
 
 /// A place on a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,7 +28,7 @@ pub type Owners = [(u32, f32); 3];
 #[derive(Debug)]
 pub(crate) enum Places {
     /// Patch of each (voxel, direction).
-    Axis { by_voxel: HashMap<VoxelCoord, [u32; 6]>, weights: AxisWeights },
+    Axis { by_voxel: VoxelMap<VoxelCoord, [u32; 6]>, weights: AxisWeights },
     /// Clusters.
     Clusters(ClusterPlaces),
 }
@@ -36,8 +36,8 @@ pub(crate) enum Places {
 /// Clusters by piece and by voxel.
 #[derive(Debug, Default)]
 pub(crate) struct ClusterPlaces {
-    pieces: HashMap<(u32, VoxelCoord), Vec<(Vec3, u32)>>,
-    voxels: HashMap<VoxelCoord, Vec<(Vec3, u32)>>,
+    pieces: VoxelMap<(u32, VoxelCoord), Vec<(Vec3, u32)>>,
+    voxels: VoxelMap<VoxelCoord, Vec<(Vec3, u32)>>,
 }
 
 impl Places {

@@ -13,7 +13,7 @@ use earthshine_trace::SceneTracer;
 use earthshine_world::Vec3;
 
 /// Most pairs of points of a bake: minutes on a core.
-pub const PAIRS_MAX: u64 = 1 << 29;
+pub const PAIRS_MAX: u64 = 1 << 30;
 /// Shares below this are nothing.
 const SHARE_MIN: f32 = 1e-7;
 

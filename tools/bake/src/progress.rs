@@ -5,7 +5,7 @@
 pub enum Stage {
     /// Building the tree over the triangles; counted in triangles.
     Tree,
-    /// Covering surfaces with points; counted in triangles.
+    /// Covering surfaces with points; counted in triangles, or in voxels where points come from their faces.
     Sample,
     /// Telling open, hidden and buried points apart; counted in points.
     Exposure,
@@ -39,7 +39,8 @@ impl Stage {
     #[must_use]
     pub fn unit(self) -> &'static str {
         match self {
-            Self::Tree | Self::Sample => "triangles",
+            Self::Tree => "triangles",
+            Self::Sample => "places",
             Self::Exposure => "points",
             Self::Rows => "rays",
             Self::Reciprocity => "rows",

@@ -39,19 +39,6 @@ pub struct RowCaster<'a> {
     pub parameters: &'a BakeParameters,
 }
 
-#[derive(Debug, Clone, Copy)]
-struct Ray {
-    origin: Vec3,
-    direction: Vec3,
-}
-
-/// Number of the cell that a unit vector lies in, of eight a component, in Morton order: octants first.
-fn direction_cell(direction: Vec3) -> u32 {
-    let cell = ((direction + 1.0) * 4.0).as_uvec3().min(glam::UVec3::splat(7));
-    let spread = |bits: u32| bits & 1 | (bits & 2) << 2 | (bits & 4) << 4;
-    spread(cell.x) | spread(cell.y) << 1 | spread(cell.z) << 2
-}
-
 impl RowCaster<'_> {
     /// The row of patch `index` as `rays` rays see it.
     #[must_use]
@@ -69,10 +56,16 @@ impl RowCaster<'_> {
     /// The row of patch `index` as the rays numbered `run` see it: they go over all of the patch, in the order of its
     /// samples, so that each sample gets a run of its own.
     pub(crate) fn run(&self, index: u32, spread: &Spread, run: Range<u32>) -> RawRow {
+        let source = &self.set.patches[index as usize];
+        let off_surface_m = RAY_OFFSET * self.parameters.grid.voxel_edge_m;
         let rays = run.len() as u32;
         let share = 1.0 / rays as f32;
         let mut row = RawRow { entries: Vec::with_capacity(rays as usize), rays, ..RawRow::default() };
-        for Ray { origin, direction } in self.rays(index, spread, run) {
+        for (place, ray) in run.enumerate() {
+            let (u, v) = spread.pair(ray);
+            let sample = &self.samples[source.sample_at((place as f32 + 0.5) * share) as usize];
+            let direction = cosine_direction(sample.normal, u, v);
+            let origin = sample.position + sample.normal * off_surface_m;
             match self.tracer.closest(origin, direction, 0.0, f32::INFINITY) {
                 None => add_sky(&mut row.sky, direction, share),
                 Some(hit) => row.add_hit(self.owners(&hit, origin + direction * hit.distance), share),
@@ -80,28 +73,6 @@ impl RowCaster<'_> {
         }
         row.merge();
         row
-    }
-
-    /// The rays numbered `run`, those next to each other in one direction: they meet the same part of the tree.
-    fn rays(&self, index: u32, spread: &Spread, run: Range<u32>) -> Vec<Ray> {
-        let source = &self.set.patches[index as usize];
-        let off_surface_m = RAY_OFFSET * self.parameters.grid.voxel_edge_m;
-        let share = 1.0 / run.len() as f32;
-        let rays: Vec<Ray> = run
-            .enumerate()
-            .map(|(place, ray)| {
-                let (u, v) = spread.pair(ray);
-                let sample = &self.samples[source.sample_at((place as f32 + 0.5) * share) as usize];
-                let direction = cosine_direction(sample.normal, u, v);
-                Ray { origin: sample.position + sample.normal * off_surface_m, direction }
-            })
-            .collect();
-        let mut order: Vec<u64> = (0u64..)
-            .zip(&rays)
-            .map(|(place, ray)| u64::from(direction_cell(ray.direction)) << 32 | place)
-            .collect();
-        order.sort_unstable();
-        order.iter().map(|&keyed| rays[(keyed & 0xFFFF_FFFF) as usize]).collect()
     }
 
     /// Whose `hit` at `position` is.

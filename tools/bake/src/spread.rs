@@ -118,8 +118,7 @@ fn permuted(index: u32, count: u32, seed: u32) -> u32 {
 mod tests {
     use super::*;
 
-    const KINDS: [RaySpread; 4] =
-        [RaySpread::R2, RaySpread::Sobol, RaySpread::Stratified, RaySpread::White];
+    const KINDS: [RaySpread; 4] = [RaySpread::R2, RaySpread::Sobol, RaySpread::Stratified, RaySpread::White];
 
     #[test]
     fn all_spreads_are_uniform() {

@@ -67,8 +67,10 @@ mod tests {
             point_first: index as u32,
             point_count: 1,
         };
-        let point =
-            |&(normal, _): &(Vec3, f32)| SamplePoint { position: Vec3::splat(0.5), normal: normal.normalize_or(Vec3::Y) };
+        let point = |&(normal, _): &(Vec3, f32)| SamplePoint {
+            position: Vec3::splat(0.5),
+            normal: normal.normalize_or(Vec3::Y),
+        };
         Chunk {
             id: ChunkId::new(0, glam::IVec3::ZERO),
             patches: clusters.iter().enumerate().map(patch).collect(),

@@ -3,7 +3,7 @@
 use super::*;
 use crate::builder::Builder;
 use crate::progress::Silent;
-use crate::test_shapes::{boxed, ball};
+use crate::test_shapes::{ball, boxed};
 use earthshine_tiles::{BakeMethod, PatchBuilder};
 use earthshine_world::Grid;
 

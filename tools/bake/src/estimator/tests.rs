@@ -51,7 +51,8 @@ fn every_estimator_and_builder_agrees_with_the_closed_forms() {
         let tracer = SceneTracer::new(&scene);
         for method in methods() {
             let parameters = parameters(method);
-            let Surfaces { samples, set } = Builder { tracer: &tracer, parameters: &parameters }.surfaces(&Silent);
+            let Surfaces { samples, set } =
+                Builder { tracer: &tracer, parameters: &parameters }.surfaces(&Silent);
             assert_eq!(set.len(), 2, "{method:?}");
             let caster = RowCaster { tracer: &tracer, samples: &samples, set: &set, parameters: &parameters };
             let estimator = Estimator::new(caster).unwrap();
@@ -59,7 +60,8 @@ fn every_estimator_and_builder_agrees_with_the_closed_forms() {
             let [here, there] = directions.map(of);
             for (from, to) in [(here, there), (there, here)] {
                 let row = estimator.row(from as u32);
-                let found = row.entries.iter().find(|entry| entry.0 == to as u32).map_or(0.0, |entry| entry.1);
+                let found =
+                    row.entries.iter().find(|entry| entry.0 == to as u32).map_or(0.0, |entry| entry.1);
                 let white = method.spread == RaySpread::White;
                 // Points that almost touch give too little: the price of the disc form where squares share an edge.
                 let rough = white || method.row_error > 0.0 || method.estimator == RowEstimator::Points;
@@ -79,7 +81,8 @@ fn rows_by_rays_sum_to_one() {
     let tracer = SceneTracer::new(&scene);
     for method in methods().into_iter().filter(|method| method.estimator == RowEstimator::Rays) {
         let parameters = BakeParameters { rays_per_patch: 1000, ..parameters(method) };
-        let Surfaces { samples, set } = Builder { tracer: &tracer, parameters: &parameters }.surfaces(&Silent);
+        let Surfaces { samples, set } =
+            Builder { tracer: &tracer, parameters: &parameters }.surfaces(&Silent);
         let caster = RowCaster { tracer: &tracer, samples: &samples, set: &set, parameters: &parameters };
         let row = Estimator::new(caster).unwrap().row(0);
         let sum: f32 = row.entries.iter().map(|entry| entry.1).chain(row.sky).sum::<f32>() + row.absorbed;

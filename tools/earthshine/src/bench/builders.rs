@@ -86,10 +86,7 @@ fn variants(base: BakeParameters) -> Vec<(&'static str, BakeParameters)> {
         ("area, clustered, distance 0", with(sources_rule)),
         ("area, clustered, distance 0, k = 2", with(BakeMethod { clusters_per_voxel: 2, ..sources_rule })),
         ("Hammersley, clustered, distance 0", with(BakeMethod { samples: hammersley, ..sources_rule })),
-        (
-            "area, axis, sums over points",
-            with(BakeMethod { estimator: RowEstimator::Points, ..base.method }),
-        ),
+        ("area, axis, sums over points", with(BakeMethod { estimator: RowEstimator::Points, ..base.method })),
     ]
 }
 
@@ -97,8 +94,7 @@ fn variants(base: BakeParameters) -> Vec<(&'static str, BakeParameters)> {
 pub(crate) fn run(arguments: &BuildersArguments, json: bool) -> anyhow::Result<()> {
     let started = Instant::now();
     let quality = &arguments.quality;
-    let source =
-        scene_source::load(&arguments.scene, arguments.lights.as_deref(), quality.metals_black())?;
+    let source = scene_source::load(&arguments.scene, arguments.lights.as_deref(), quality.metals_black())?;
     let base = quality.parameters(&source);
     let reference = reference_points(arguments, &source, json)?;
     let builders = variants(base)
@@ -178,8 +174,7 @@ fn reference_points(
     let seed = arguments.quality.seed;
     let places = volume_light::random_places(&tracer, arguments.point_count, seed);
     let bar = counted("reference", "points", places.len() as u64, quiet);
-    let options =
-        ReferenceOptions { seed, target_error_rel: arguments.noise, ..ReferenceOptions::default() };
+    let options = ReferenceOptions { seed, target_error_rel: arguments.noise, ..ReferenceOptions::default() };
     let estimates = irradiance_at_points(&tracer, &source.lights, &places, &options, &|| bar.inc(1));
     bar.finish_and_clear();
     let point = |((position, normal), estimate): (_, earthshine_render::PointEstimate)| ReferencePoint {
