@@ -72,6 +72,9 @@ pub struct BakeMethod {
     /// Estimated error at which a row gets no more rays: the root of the summed variances of its shares. 0 gives every
     /// row the same rays.
     pub row_error: f32,
+    /// How many times the rays of other patches a patch that emits casts, at most: all emitters together get no more
+    /// rays than all patches do.
+    pub emitter_factor: u32,
     /// Fewest rays of a row whose error is a target.
     pub rays_min: u32,
     /// Most rays of such a row.
@@ -88,6 +91,7 @@ impl Default for BakeMethod {
             estimator: RowEstimator::Rays,
             spread: RaySpread::R2,
             row_error: 0.0,
+            emitter_factor: 1,
             rays_min: 256,
             rays_max: 8192,
         }
@@ -97,11 +101,13 @@ impl Default for BakeMethod {
 impl BakeMethod {
     /// Most clusters a voxel may have.
     pub const CLUSTERS_MAX: u32 = 16;
+    /// Most times the rays of others that an emitter may cast.
+    pub const EMITTER_FACTOR_MAX: u32 = 256;
     /// Most rays a row may have.
     pub const RAYS_MAX: u32 = 1 << 20;
 
     /// Everything, as words for a hash.
-    pub(crate) fn words(&self) -> [u32; 9] {
+    pub(crate) fn words(&self) -> [u32; 10] {
         // Taken apart without `..`: a new parameter that is not hashed does not compile.
         let Self {
             samples,
@@ -111,6 +117,7 @@ impl BakeMethod {
             estimator,
             spread,
             row_error,
+            emitter_factor,
             rays_min,
             rays_max,
         } = *self;
@@ -122,6 +129,7 @@ impl BakeMethod {
             estimator as u32,
             spread as u32,
             row_error.to_bits(),
+            emitter_factor,
             rays_min,
             rays_max,
         ]
@@ -136,6 +144,8 @@ impl BakeMethod {
             Some(("cluster distance", "must be 0 or a positive number"))
         } else if !(self.row_error.is_finite() && (0.0..1.0).contains(&self.row_error)) {
             Some(("row error", "must be 0 (all rows get the same rays) or a share below 1"))
+        } else if !(1..=Self::EMITTER_FACTOR_MAX).contains(&self.emitter_factor) {
+            Some(("emitter factor", "must be 1 to 256"))
         } else if !(1..=Self::RAYS_MAX).contains(&self.rays_min)
             || !(self.rays_min..=Self::RAYS_MAX).contains(&self.rays_max)
         {
@@ -162,6 +172,7 @@ mod tests {
             BakeMethod { estimator: RowEstimator::Points, ..base },
             BakeMethod { spread: RaySpread::White, ..base },
             BakeMethod { row_error: 0.01, ..base },
+            BakeMethod { emitter_factor: 3, ..base },
             BakeMethod { rays_min: 8, ..base },
             BakeMethod { rays_max: 800, ..base },
         ]
@@ -170,7 +181,7 @@ mod tests {
         .collect();
         words.sort_unstable();
         words.dedup();
-        assert_eq!(words.len(), 10);
+        assert_eq!(words.len(), 11);
     }
 
     #[test]

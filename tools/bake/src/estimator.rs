@@ -1,18 +1,22 @@
 //! Who finds rows: rays in a fixed number, rays until an error is met, or sums over pairs of points.
 //!
-//! All give a [`RawRow`] a patch, alike in all that comes after. Start at [`Estimator::new`].
+//! Patches that emit may cast more rays than others ([`BakeMethod::emitter_factor`]): most light comes from few of them,
+//! and what a small lamp sends to a large wall its own rays tell better than the wall's. All ways give a [`RawRow`] a patch, alike in all that comes after. Start at [`Estimator::new`].
 
 use crate::BakeError;
 use crate::adaptive::{ErrorTarget, refined_row};
 use crate::point_rows::PointSums;
 use crate::rows::{RawRow, RowCaster};
-use earthshine_tiles::RowEstimator;
+use earthshine_tiles::{BakeMethod, RowEstimator};
+use earthshine_world::Rgb;
 
 /// Finds rows as the bake's parameters say.
 #[derive(Debug)]
 pub struct Estimator<'a> {
     caster: RowCaster<'a>,
     way: Way,
+    /// How many times the rays of others an emitter casts.
+    emitter_factor: u32,
 }
 
 #[derive(Debug)]
@@ -38,18 +42,42 @@ impl<'a> Estimator<'a> {
             }),
             RowEstimator::Rays => Way::Rays(caster.parameters.rays_per_patch),
         };
-        Ok(Self { caster, way })
+        Ok(Self { caster, way, emitter_factor: emitter_factor(&caster) })
     }
 
     /// The row of patch `index`. Its `rays` are those cast for it, or what it weighs as much as.
     #[must_use]
     pub fn row(&self, index: u32) -> RawRow {
+        let factor = if emits(&self.caster, index as usize) { self.emitter_factor } else { 1 };
+        let times = |rays: u32| rays.saturating_mul(factor).min(BakeMethod::RAYS_MAX);
         match &self.way {
-            Way::Rays(rays) => self.caster.row(index, *rays),
-            Way::Refined(target) => refined_row(&self.caster, index, *target),
+            Way::Rays(rays) => self.caster.row(index, times(*rays)),
+            Way::Refined(target) => {
+                // So many more rays are worth the root of it.
+                let error = target.error / (factor as f32).sqrt();
+                refined_row(
+                    &self.caster,
+                    index,
+                    ErrorTarget { error, rays_max: times(target.rays_max), ..*target },
+                )
+            }
             Way::Points(points) => points.row(&self.caster, index),
         }
     }
+}
+
+fn emits(caster: &RowCaster<'_>, patch: usize) -> bool {
+    caster.set.patches[patch].patch.emission != Rgb::ZERO
+}
+
+/// What the parameters allow, but no more rays for all emitters than for all patches. A power of two, so that it
+/// seldom changes with the scene.
+fn emitter_factor(caster: &RowCaster<'_>) -> u32 {
+    let patches = caster.set.len();
+    let emitters = (0..patches).filter(|&patch| emits(caster, patch)).count();
+    let room = (patches / emitters.max(1)).clamp(1, BakeMethod::EMITTER_FACTOR_MAX as usize) as u32;
+    let allowed = caster.parameters.method.emitter_factor.clamp(1, room);
+    1 << allowed.ilog2()
 }
 
 #[cfg(test)]

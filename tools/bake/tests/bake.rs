@@ -63,7 +63,7 @@ fn bake_as(
 
 /// One of everything that is not the default.
 fn methods() -> [BakeMethod; 3] {
-    let base = BakeMethod::default();
+    let base = BakeMethod { emitter_factor: 1, ..BakeMethod::default() };
     [
         BakeMethod { samples: SampleSource::Hammersley, builder: PatchBuilder::Clustered, ..base },
         BakeMethod { row_error: 0.05, rays_min: 128, rays_max: 1024, ..base },
@@ -157,6 +157,23 @@ fn rows_are_sound_and_reciprocal() {
             assert!(patch.area > 0.0 && patch.point_count > 0);
         }
     }
+}
+
+#[test]
+fn lamps_cast_more_rays_and_a_world_of_lamps_does_not() {
+    let rays = |kind: WorldKind, emitter_factor: u32| {
+        let mut options = options(0.4);
+        options.parameters.method.emitter_factor = emitter_factor;
+        let folder = tempfile::tempdir().expect("a folder");
+        let summary = bake_as(&options, 2, &scene(kind), folder.path(), &Silent);
+        let lit = |chunk: &Chunk| chunk.patches.iter().filter(|p| p.emission.max_element() > 0.0).count();
+        let lamps: usize = chunks(folder.path()).iter().map(lit).sum();
+        (summary.rays, summary.patches * 256, lamps as u64)
+    };
+    let (cast, base, lamps) = rays(WorldKind::Cornell, 8);
+    assert!(lamps > 0 && cast == base + 7 * 256 * lamps, "{cast} rays, {base} and {lamps} lamps");
+    let (cast, base, lamps) = rays(WorldKind::Furnace, 8);
+    assert!(lamps > 0 && cast <= 2 * base, "{cast} rays, {base} and {lamps} lamps");
 }
 
 #[test]

@@ -28,6 +28,10 @@ pub(crate) struct MethodArguments {
     /// off.
     #[arg(long, default_value_t = 0.0)]
     row_error: f32,
+    /// How many times the rays of other patches a patch that emits casts, as long as all emitters together cast no more
+    /// than all patches do.
+    #[arg(long, default_value_t = BakeMethod::default().emitter_factor)]
+    emitter_factor: u32,
     /// Fewest rays of a row with --row-error.
     #[arg(long, default_value_t = BakeMethod::default().rays_min)]
     min_rays: u32,
@@ -87,6 +91,7 @@ impl MethodArguments {
                 Spread::White => RaySpread::White,
             },
             row_error: self.row_error,
+            emitter_factor: self.emitter_factor,
             rays_min: self.min_rays,
             rays_max: self.max_rays,
         }
