@@ -44,6 +44,13 @@ pub(crate) fn check_delta(delta: &v1::Delta, voxel_count: u32) -> Result<(), Cli
     if let Some(mask) = delta.present.iter().find(|&&mask| mask > VoxelLight::ALL_PRESENT) {
         return fault(format!("mask {mask:#010b} has more than six directions"));
     }
+    if !(delta.air.is_empty() || delta.air.len() == delta.present.len()) {
+        return fault(format!("{} air masks for {} voxels", delta.air.len(), delta.voxels.len()));
+    }
+    let is_dark = |(air, present): &(&u8, &u8)| **air & !**present != 0;
+    if let Some((air, present)) = delta.air.iter().zip(&delta.present).find(is_dark) {
+        return fault(format!("air mask {air:#010b} has more directions than {present:#010b}"));
+    }
     let patches = delta.present.iter().map(|mask| mask.count_ones() as usize).sum::<usize>();
     if delta.irradiance.len() != patches || delta.quality.len() != patches {
         let (light, quality) = (delta.irradiance.len(), delta.quality.len());
@@ -67,13 +74,19 @@ pub(crate) fn check_delta(delta: &v1::Delta, voxel_count: u32) -> Result<(), Cli
 pub(crate) fn apply_delta(delta: &v1::Delta, volume: &mut Volume) {
     let mut index = 0;
     let mut patch = 0;
-    for (&step, &present) in delta.voxels.iter().zip(&delta.present) {
+    for (voxel, (&step, &present)) in delta.voxels.iter().zip(&delta.present).enumerate() {
         index += step;
+        let air = delta.air.get(voxel).copied().unwrap_or(0);
         let mut light = VoxelLight::EMPTY;
         for direction in (0..6).filter(|direction| present >> direction & 1 == 1) {
             let sky = delta.sky_irradiance.get(patch).copied().unwrap_or(0);
             let irradiance = rgb9e5::decode(delta.irradiance[patch]);
-            light.set(direction, irradiance, rgb9e5::decode(sky), delta.quality[patch]);
+            let (sky, quality) = (rgb9e5::decode(sky), delta.quality[patch]);
+            if air >> direction & 1 == 1 {
+                light.set_air(direction, irradiance, sky, quality);
+            } else {
+                light.set(direction, irradiance, sky, quality);
+            }
             patch += 1;
         }
         volume.set(index, &light);
@@ -107,6 +120,7 @@ mod tests {
             sky_irradiance: [0.5, 0.0, 0.25].map(|v| rgb9e5::encode(Vec3::splat(v))).to_vec(),
             quality: vec![10, 20, 30],
             complete: true,
+            air: vec![0b100, 0, 0],
             ..v1::Delta::default()
         }
     }
@@ -121,15 +135,15 @@ mod tests {
         apply_delta(&delta, &mut volume);
         let first = volume.at(IVec3::new(-1, 0, 5)).unwrap();
         assert_eq!((first.present, first.irradiance[2], first.quality[2]), (0b101, Vec3::splat(2.0), 20));
-        assert_eq!(first.sky_irradiance[0], Vec3::splat(0.5));
+        assert_eq!((first.sky_irradiance[0], first.air), (Vec3::splat(0.5), 0b100));
         let last = volume.at(IVec3::new(1, 2, 6)).unwrap();
-        assert_eq!((last.present, last.irradiance[5]), (0b10_0000, Vec3::splat(3.0)));
+        assert_eq!((last.present, last.air, last.irradiance[5]), (0b10_0000, 0, Vec3::splat(3.0)));
         assert_eq!(volume.lit_voxels(), 2, "voxel 7 was emptied");
     }
 
     #[test]
-    fn a_black_sky_may_be_left_out() {
-        let delta = v1::Delta { sky_irradiance: Vec::new(), ..wire_delta() };
+    fn a_black_sky_and_no_air_may_be_left_out() {
+        let delta = v1::Delta { sky_irradiance: Vec::new(), air: Vec::new(), ..wire_delta() };
         check_delta(&delta, 24).unwrap();
     }
 
@@ -145,6 +159,8 @@ mod tests {
         assert!(fault(|d| d.irradiance.truncate(1)).contains("1 irradiances"));
         assert!(fault(|d| d.quality.push(1)).contains("4 qualities"));
         assert!(fault(|d| d.sky_irradiance.truncate(2)).contains("2 sky"));
+        assert!(fault(|d| d.air.truncate(1)).contains("1 air masks"));
+        assert!(fault(|d| d.air[1] = 1).contains("more directions"));
         assert!(fault(|d| d.voxels[1] = 0).contains("ascend"));
         assert!(fault(|d| d.voxels[2] = 17).contains("voxel 24 of 24"));
         assert!(fault(|d| d.voxels = vec![u32::MAX; 3]).contains("of 24"));

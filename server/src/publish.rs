@@ -13,14 +13,20 @@ use glam::{IVec3, UVec3, Vec3};
 /// Emptied voxels that are remembered. Beyond it they are forgotten, and a client from before starts over.
 const EMPTIED_MAX: usize = 32_768;
 
+/// Voxels that patches or receivers light, at most.
+const LIT_MAX: usize =
+    EngineConfig::RESIDENT_PATCHES_LIMIT as usize + EngineConfig::RECEIVER_VOXELS_LIMIT as usize;
+
 /// A delta is one message: all lit voxels and all emptied ones fit.
-const _: () = assert!(EngineConfig::RESIDENT_PATCHES_LIMIT as usize + EMPTIED_MAX <= DELTA_VOXELS_MAX);
+const _: () = assert!(LIT_MAX + EMPTIED_MAX <= DELTA_VOXELS_MAX);
 
 /// Light of one voxel as it travels; equal codes need no sending.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct VoxelCodes {
-    /// Bit `a` says that direction `a` has a patch.
+    /// Bit `a` says that direction `a` has light.
     pub(crate) present: u8,
+    /// Bit `a` says that it is a receiver's.
+    pub(crate) air: u8,
     /// RGB9E5, lx; zero where there is no patch.
     pub(crate) irradiance: [u32; 6],
     /// RGB9E5, lx; zero where there is no patch.
@@ -30,14 +36,27 @@ pub(crate) struct VoxelCodes {
 }
 
 impl VoxelCodes {
-    const EMPTY: Self = Self { present: 0, irradiance: [0; 6], sky_irradiance: [0; 6], quality: [0; 6] };
+    const EMPTY: Self =
+        Self { present: 0, air: 0, irradiance: [0; 6], sky_irradiance: [0; 6], quality: [0; 6] };
 
-    fn add(&mut self, patch: &PatchLight) {
+    fn add(&mut self, patch: &PatchLight, is_air: bool) {
         let direction = patch.direction.index();
         self.present |= 1 << direction;
+        self.air |= u8::from(is_air) << direction;
         self.irradiance[direction] = rgb9e5::encode(patch.irradiance);
         self.sky_irradiance[direction] = rgb9e5::encode(patch.sky_irradiance);
         self.quality[direction] = (patch.known_share.clamp(0.0, 1.0) * 255.0).round() as u8;
+    }
+
+    /// Takes the directions of `other` that it has nothing on.
+    fn fill_with(&mut self, other: &Self) {
+        for direction in (0..6).filter(|direction| (other.present & !self.present) >> direction & 1 == 1) {
+            self.irradiance[direction] = other.irradiance[direction];
+            self.sky_irradiance[direction] = other.sky_irradiance[direction];
+            self.quality[direction] = other.quality[direction];
+            self.air |= other.air & 1 << direction;
+        }
+        self.present |= other.present;
     }
 }
 
@@ -220,14 +239,24 @@ impl DeltaStore {
     /// The frame's light inside the volume, voxel by voxel, ascending by index.
     fn codes_of(&self, frame: &Frame) -> Vec<(IVec3, VoxelCodes)> {
         let mut voxels: Vec<(IVec3, VoxelCodes)> = Vec::with_capacity(frame.patches.len());
-        for group in frame.patches.chunk_by(|a, b| a.voxel == b.voxel) {
-            if self.layout.index_of(group[0].voxel).is_some() {
-                let mut codes = VoxelCodes::EMPTY;
-                group.iter().for_each(|patch| codes.add(patch));
-                voxels.push((group[0].voxel, codes));
+        for (lights, is_air) in [(&frame.patches, false), (&frame.receivers, true)] {
+            for group in lights.chunk_by(|a, b| a.voxel == b.voxel) {
+                if self.layout.index_of(group[0].voxel).is_some() {
+                    let mut codes = VoxelCodes::EMPTY;
+                    group.iter().for_each(|light| codes.add(light, is_air));
+                    voxels.push((group[0].voxel, codes));
+                }
             }
         }
-        voxels.sort_unstable_by_key(|&(voxel, _)| index_order(voxel));
+        // Stable: where a voxel has both, patches come first.
+        voxels.sort_by_key(|&(voxel, _)| index_order(voxel));
+        voxels.dedup_by(|air, patches| {
+            let is_same = air.0 == patches.0;
+            if is_same {
+                patches.1.fill_with(&air.1);
+            }
+            is_same
+        });
         voxels
     }
 

@@ -227,7 +227,15 @@ mod tests {
                 );
             }
             let rows = ChunkRows { row_starts: vec![0], ..ChunkRows::default() };
-            Ok(Chunk { id, patches: vec![], points: vec![], rows, occluders: OccluderMesh::default() })
+            let receivers = earthshine_world::Receivers::default();
+            Ok(Chunk {
+                id,
+                patches: vec![],
+                points: vec![],
+                rows,
+                receivers,
+                occluders: OccluderMesh::default(),
+            })
         }
     }
 

@@ -2,7 +2,7 @@
 //! Method: naga parses and validates each source; its constants and struct sizes are compared with Rust's.
 
 use earthshine_shaders::LOOKUP_IRRADIANCE;
-use earthshine_volume::lookup::{NORMAL_OFFSET_VOXELS, WEIGHT_MIN};
+use earthshine_volume::lookup::{AIR_FLOOR, NORMAL_OFFSET_VOXELS, SURFACE_WEIGHT, WEIGHT_MIN};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 
 fn parsed(source: &str) -> naga::Module {
@@ -35,6 +35,8 @@ fn span(module: &naga::Module, name: &str) -> u32 {
 fn the_lookup_shader_is_valid_and_has_the_rust_rule_s_constants() {
     let module = parsed(LOOKUP_IRRADIANCE);
     assert_eq!(constant(&module, "NORMAL_OFFSET_VOXELS"), NORMAL_OFFSET_VOXELS);
+    assert_eq!(constant(&module, "SURFACE_WEIGHT"), SURFACE_WEIGHT);
+    assert_eq!(constant(&module, "AIR_FLOOR"), AIR_FLOOR);
     assert_eq!(constant(&module, "WEIGHT_MIN"), WEIGHT_MIN);
     assert_eq!((span(&module, "VolumeLayout"), span(&module, "VoxelBlock")), (32, 28));
 }

@@ -25,12 +25,12 @@ pub struct ServedPatch {
     pub quality: f32,
 }
 
-/// Everything a client was told, by place.
+/// Everything a client was told of surfaces, by place.
 #[must_use]
 pub fn served_patches(light: &Light) -> BTreeMap<PatchPlace, ServedPatch> {
     let mut patches = BTreeMap::new();
     for (voxel, told) in light.volumes().iter().flat_map(earthshine_volume::Volume::iter) {
-        for direction in (0..6).filter(|&direction| told.has(direction)) {
+        for direction in (0..6).filter(|&direction| told.has(direction) && !told.is_air(direction)) {
             let patch = ServedPatch {
                 irradiance: told.irradiance[direction],
                 sky_irradiance: told.sky_irradiance[direction],

@@ -1,7 +1,7 @@
 //! The same world lit as a whole: every chunk in memory, one sparse solve, no streaming and no local matrix.
 //!
 //! It reads tiles and direct light through the packages that own them, and shares nothing with the engine: neither
-//! residency nor the split of rows nor the matrix.
+//! residency nor the split of rows nor the matrix. Light in the air is left out.
 
 use earthshine_light::{OccluderSet, Occluders, direct_irradiance};
 use earthshine_radiosity::gather::{GatherLimits, Sources, SparseRows, gather};

@@ -1,9 +1,18 @@
 //! The lookup rule: what light a point with a normal reads from the voxels around it.
 //!
 //! `I(x, n) = sum_a n_a^2 I_a(x)` over the three directions that `n` faces. `I_a` is trilinear over the eight
-//! voxels around `x + 0.25 voxel * n`; voxels without a patch on that direction are skipped and the rest is
+//! voxels around `x + 0.25 voxel * n`; voxels without light on that direction are skipped and the rest is
 //! divided by the weight that is left. A direction with nothing left gives its `n_a^2` to the others; a
 //! volume with nothing at all leaves the point to the next coarser one.
+//!
+//! Light comes from surfaces (patches) and from the air (receivers). Two things are the air's alone, and both fade
+//! with its share, so that what moves through the air never meets a step:
+//!
+//! - It counts `max(0, 1 - w / 0.25)` of its weight, where `w` is the weight of patches: a point on a surface reads
+//!   surfaces.
+//! - Air knows the opposite direction too, so `|n_a| (1 - |n_a|) (I_a - I_-a) / 2` is added: with it light that varies
+//!   linearly with the normal (a sky's) is read exactly, at slanted normals too. What it takes away
+//!   is limited to a quarter of the sum, because a lamp does not darken what turns away from it.
 
 use crate::Volume;
 use glam::{IVec3, Vec3};
@@ -11,6 +20,13 @@ use std::borrow::Borrow;
 
 /// How far a point reads in front of its surface, in voxels: a surface at a voxel's border reads the voxel it faces.
 pub const NORMAL_OFFSET_VOXELS: f32 = 0.25;
+
+/// Patches of this weight among the eight voxels leave nothing to receivers. A flat surface always has as much where
+/// it is looked up: its layer's weight is least, a quarter, where it lies at the far end of its voxels.
+pub const SURFACE_WEIGHT: f32 = 0.25;
+
+/// Light is at least this share of `sum_a n_a^2 I_a`, whatever the opposite directions take away.
+pub const AIR_FLOOR: f32 = 0.75;
 
 /// Weights below it are nothing: a quotient of two such numbers is noise.
 pub const WEIGHT_MIN: f32 = 1e-6;
@@ -55,6 +71,14 @@ impl Sum {
         self.weight += weight;
     }
 
+    /// Adds all of `other`, its weight too, times `factor`.
+    fn add_sum(&mut self, factor: f32, other: &Self) {
+        self.irradiance += factor * other.irradiance;
+        self.sky_irradiance += factor * other.sky_irradiance;
+        self.quality += factor * other.quality;
+        self.weight += factor * other.weight;
+    }
+
     /// Divided by its weight; `None` where there is next to none.
     fn mean(&self) -> Option<Self> {
         (self.weight > WEIGHT_MIN).then(|| Self {
@@ -79,29 +103,73 @@ fn lookup_in(volume: &Volume, position: Vec3, normal: Vec3) -> Option<LookedUp> 
     let fraction = local - low;
     let low = layout.origin + low.as_ivec3();
 
-    let directions = [0, 1, 2].map(|axis| axis * 2 + usize::from(normal[axis] < 0.0));
-    let mut sums = [Sum::default(); 3];
-    for corner in 0..8 {
-        let step = IVec3::new(corner & 1, corner >> 1 & 1, corner >> 2);
-        let Some(light) = volume.at(low + step) else { continue };
-        let along = |axis: usize| if step[axis] == 1 { fraction[axis] } else { 1.0 - fraction[axis] };
-        let weight = along(0) * along(1) * along(2);
-        for (sum, &direction) in sums.iter_mut().zip(&directions) {
-            if light.has(direction) {
+    let around = Around::of(volume, low, fraction);
+    let (mut total, mut slope) = (Sum::default(), Sum::default());
+    for axis in 0..3 {
+        let facing = axis * 2 + usize::from(normal[axis] < 0.0);
+        let along = normal[axis].abs();
+        if let Some((mean, half_difference)) = around.read(facing) {
+            total.add_sum(along * along, &mean);
+            slope.add_sum(along * (1.0 - along), &half_difference);
+        }
+    }
+    let weight = total.weight;
+    let Sum { irradiance, sky_irradiance, quality, .. } = total.mean()?;
+    let sloped = |light: Vec3, slope: Vec3| (light + slope / weight).max(AIR_FLOOR * light);
+    Some(LookedUp {
+        irradiance: sloped(irradiance, slope.irradiance),
+        sky_irradiance: sloped(sky_irradiance, slope.sky_irradiance),
+        quality,
+        level: layout.level,
+    })
+}
+
+/// What the eight voxels around a point hold, by direction.
+struct Around {
+    surfaces: [Sum; 6],
+    airs: [Sum; 6],
+}
+
+impl Around {
+    /// Around the point at `fraction` (0..1) between the centres of voxel `low` and its upper neighbours.
+    fn of(volume: &Volume, low: IVec3, fraction: Vec3) -> Self {
+        let mut around = Self { surfaces: Default::default(), airs: Default::default() };
+        for corner in 0..8 {
+            let step = IVec3::new(corner & 1, corner >> 1 & 1, corner >> 2);
+            let Some(light) = volume.at(low + step) else { continue };
+            let along = |axis: usize| if step[axis] == 1 { fraction[axis] } else { 1.0 - fraction[axis] };
+            let weight = along(0) * along(1) * along(2);
+            for direction in (0..6).filter(|&direction| light.has(direction)) {
+                let is_air = light.is_air(direction);
+                let sums = if is_air { &mut around.airs } else { &mut around.surfaces };
                 let quality = f32::from(light.quality[direction]) / 255.0;
-                sum.add(weight, light.irradiance[direction], light.sky_irradiance[direction], quality);
+                sums[direction].add(
+                    weight,
+                    light.irradiance[direction],
+                    light.sky_irradiance[direction],
+                    quality,
+                );
             }
         }
+        around
     }
 
-    let mut total = Sum::default();
-    for (axis, sum) in sums.iter().enumerate() {
-        if let Some(mean) = sum.mean() {
-            total.add(normal[axis] * normal[axis], mean.irradiance, mean.sky_irradiance, mean.quality);
+    /// Light on direction `facing`, and half of what it exceeds that on the opposite one by, as far as both are the
+    /// air's.
+    fn read(&self, facing: usize) -> Option<(Sum, Sum)> {
+        let (surface, air) = (self.surfaces[facing], self.airs[facing]);
+        let room = (1.0 - surface.weight / SURFACE_WEIGHT).max(0.0);
+        let mut both = surface;
+        both.add_sum(room, &air);
+        let mean = both.mean()?;
+        let mut slope = Sum::default();
+        if let (Some(front), Some(back)) = (air.mean(), self.airs[facing ^ 1].mean()) {
+            let share = room * air.weight / both.weight * self.airs[facing ^ 1].weight;
+            slope.add_sum(0.5 * share, &front);
+            slope.add_sum(-0.5 * share, &back);
         }
+        Some((mean, slope))
     }
-    let Sum { irradiance, sky_irradiance, quality, .. } = total.mean()?;
-    Some(LookedUp { irradiance, sky_irradiance, quality, level: layout.level })
 }
 
 #[cfg(test)]
@@ -185,6 +253,108 @@ mod tests {
         assert_eq!(lookup(&[&volume], position, Vec3::X), None);
         let slanted = lookup(&[&volume], position - 0.05, Vec3::new(1.0, 1.0, 0.0)).unwrap();
         assert!((1.0..=2.0).contains(&slanted.irradiance.x));
+    }
+
+    /// Air in every voxel, as `field` says at the voxel's centre.
+    fn aired(field: impl Fn(Vec3, usize) -> Vec3) -> Volume {
+        let mut volume = Volume::new(layout()).unwrap();
+        for index in 0..layout().voxel_count() {
+            let voxel = layout().voxel_of(index);
+            let centre = (voxel.as_vec3() + 0.5) * EDGE_M;
+            for direction in 0..6 {
+                let light = field(centre, direction);
+                assert!(volume.set_receiver(voxel, direction, light, light * 0.25, 255));
+            }
+        }
+        volume
+    }
+
+    /// Goal: at slanted normals air reads what an ambient cube cannot. Method: irradiance under a half-bright sky,
+    /// `1 + n_y`, is linear in the normal.
+    #[test]
+    fn air_under_a_sky_is_read_exactly_at_any_normal() {
+        let at = |normal: Vec3| 10.0 + 6.0 * normal.y;
+        let axis = |direction: usize| {
+            let sign = if direction % 2 == 0 { 1.0 } else { -1.0 };
+            Vec3::AXES[direction / 2] * sign
+        };
+        let air = aired(|_, direction| Vec3::splat(at(axis(direction))));
+        let cube = filled(|_, direction| Vec3::splat(at(axis(direction))));
+        for normal in normals().map(Vec3::normalize) {
+            let read = lookup(&[&air], inside(), normal).unwrap();
+            assert!((read.irradiance.x - at(normal)).abs() < 1e-4, "{normal}: {}", read.irradiance.x);
+            assert!((read.sky_irradiance.x * 4.0 - at(normal)).abs() < 1e-4);
+        }
+        let slanted = Vec3::new(1.0, 1.0, 0.0).normalize();
+        let patches = lookup(&[&cube], inside(), slanted).unwrap();
+        assert!(patches.irradiance.x < at(slanted) - 1.0, "patches keep to the squares");
+    }
+
+    #[test]
+    fn a_lamp_does_not_darken_what_turns_away_from_it() {
+        let air = aired(|_, direction| Vec3::splat(if direction == 2 { 10.0 } else { 1.0 }));
+        for y in [0.0, -0.3, -0.5, -0.8, -1.0] {
+            let normal = Vec3::new((1.0f32 - y * y).sqrt(), y, 0.0);
+            let read = lookup(&[&air], inside(), normal).unwrap();
+            assert!((0.75..=1.0 + 1e-5).contains(&read.irradiance.x), "{y}: {}", read.irradiance.x);
+        }
+    }
+
+    /// A floor of patches, as bright as 1, under air as bright as 3, in all directions up and sideways.
+    fn floor_under_air() -> Volume {
+        let mut volume = aired(|_, _| Vec3::splat(3.0));
+        for index in 0..layout().voxel_count() {
+            let voxel = layout().voxel_of(index);
+            if voxel.y == 0 {
+                volume.set_patch(voxel, 2, Vec3::ONE, Vec3::ZERO, 255);
+            }
+        }
+        volume
+    }
+
+    #[test]
+    fn points_on_surfaces_read_surfaces_alone() {
+        let volume = floor_under_air();
+        // Wherever in its voxels the floor lies.
+        for height in [0.0, 0.2, 0.5, 0.75, 0.999] {
+            let position = Vec3::new(0.23, height * EDGE_M, 1.47);
+            let read = lookup(&[&volume], position, Vec3::Y).unwrap();
+            assert!((read.irradiance.x - 1.0).abs() < 1e-5, "{height}: {}", read.irradiance.x);
+        }
+        let above = lookup(&[&volume], Vec3::new(0.23, 2.0 * EDGE_M, 1.47), Vec3::Y).unwrap();
+        assert!((above.irradiance.x - 3.0).abs() < 1e-5);
+    }
+
+    /// Goal: nothing that moves meets a step. Method: steps through the air and into the
+    /// floor, past a lone patch, and steps a quarter as long.
+    #[test]
+    fn light_has_no_steps_between_air_and_surfaces() {
+        let mut volume = floor_under_air();
+        volume.set_patch(IVec3::new(0, 1, 2), 2, Vec3::splat(9.0), Vec3::ZERO, 255);
+        for normal in [Vec3::Y, Vec3::new(0.6, 0.8, 0.0), Vec3::new(-0.5, 0.1, 0.7)] {
+            let largest = |steps: u32| {
+                let read = |step: u32| {
+                    let along = step as f32 / steps as f32;
+                    let position = Vec3::new(-1.0, 1.2, 0.9).lerp(Vec3::new(1.2, -0.1, 1.9), along);
+                    lookup(&[&volume], position, normal).unwrap().irradiance.x
+                };
+                (0..steps).map(|step| (read(step + 1) - read(step)).abs()).fold(0.0, f32::max)
+            };
+            // A slope, however steep, shrinks with the step; a step does not.
+            let (coarse, fine) = (largest(4000), largest(16_000));
+            assert!(fine < 0.3 * coarse, "{normal}: {coarse}, then {fine}");
+        }
+    }
+
+    #[test]
+    fn a_patch_keeps_its_place_against_a_receiver() {
+        let mut volume = Volume::new(layout()).unwrap();
+        let voxel = IVec3::new(0, 0, 2);
+        volume.set_receiver(voxel, 2, Vec3::splat(5.0), Vec3::ZERO, 255);
+        volume.set_patch(voxel, 2, Vec3::ONE, Vec3::ZERO, 255);
+        volume.set_receiver(voxel, 2, Vec3::splat(7.0), Vec3::ZERO, 255);
+        let light = volume.at(voxel).unwrap();
+        assert_eq!((light.irradiance[2], light.air), (Vec3::ONE, 0));
     }
 
     #[test]

@@ -9,8 +9,11 @@ use glam::{IVec3, Vec3};
 /// Light on up to six patches of one voxel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VoxelLight {
-    /// Bit `a` says that direction `a` has a patch.
+    /// Bit `a` says that direction `a` has light: a patch's or a receiver's.
     pub present: u8,
+    /// Bit `a` says that the light of direction `a` is a receiver's: of the voxel's empty air, not of a surface.
+    /// No bit is set that is not set in `present`.
+    pub air: u8,
     /// Share of the patch's surroundings that its light rests on, 0..=255 for 0..=1.
     pub quality: [u8; 6],
     /// All indirect irradiance and the sky, lx. Finite; zero where there is no patch.
@@ -21,15 +24,26 @@ pub struct VoxelLight {
 
 impl VoxelLight {
     /// No patches.
-    pub const EMPTY: Self =
-        Self { present: 0, quality: [0; 6], irradiance: [Vec3::ZERO; 6], sky_irradiance: [Vec3::ZERO; 6] };
+    pub const EMPTY: Self = Self {
+        present: 0,
+        air: 0,
+        quality: [0; 6],
+        irradiance: [Vec3::ZERO; 6],
+        sky_irradiance: [Vec3::ZERO; 6],
+    };
     /// All six bits of [`Self::present`].
     pub const ALL_PRESENT: u8 = 0b11_1111;
 
-    /// Whether direction `direction` (0..6) has a patch.
+    /// Whether direction `direction` (0..6) has light.
     #[must_use]
     pub fn has(&self, direction: usize) -> bool {
         self.present >> direction & 1 == 1
+    }
+
+    /// Whether the light of direction `direction` (0..6) is a receiver's.
+    #[must_use]
+    pub fn is_air(&self, direction: usize) -> bool {
+        self.air >> direction & 1 == 1
     }
 
     /// Puts a patch on direction `direction`. Channels that are not finite become zero.
@@ -42,6 +56,18 @@ impl VoxelLight {
         self.sky_irradiance[direction] = finite(sky_irradiance);
         self.quality[direction] = quality;
         self.present |= 1 << direction;
+        self.air &= !(1 << direction);
+    }
+
+    /// Puts a receiver on direction `direction`, unless a patch is there. Channels that are not finite become zero.
+    ///
+    /// # Panics
+    /// If `direction` is not 0..6.
+    pub fn set_air(&mut self, direction: usize, irradiance: Vec3, sky_irradiance: Vec3, quality: u8) {
+        if !self.has(direction) || self.is_air(direction) {
+            self.set(direction, irradiance, sky_irradiance, quality);
+            self.air |= 1 << direction;
+        }
     }
 }
 
@@ -79,7 +105,7 @@ impl Volume {
         self.lights.len()
     }
 
-    /// Patches that have light.
+    /// Patches and receivers that have light.
     #[must_use]
     pub fn patch_count(&self) -> usize {
         self.lights.iter().map(|light| light.present.count_ones() as usize).sum()
@@ -134,6 +160,24 @@ impl Volume {
         let Some(index) = self.layout.index_of(voxel) else { return false };
         let mut light = self.get(index).copied().unwrap_or(VoxelLight::EMPTY);
         light.set(direction, irradiance, sky_irradiance, quality);
+        self.set(index, &light)
+    }
+
+    /// Puts one receiver into `voxel`, unless a patch is on `direction`. Says whether `voxel` is inside.
+    ///
+    /// # Panics
+    /// If `direction` is not 0..6.
+    pub fn set_receiver(
+        &mut self,
+        voxel: IVec3,
+        direction: usize,
+        irradiance: Vec3,
+        sky_irradiance: Vec3,
+        quality: u8,
+    ) -> bool {
+        let Some(index) = self.layout.index_of(voxel) else { return false };
+        let mut light = self.get(index).copied().unwrap_or(VoxelLight::EMPTY);
+        light.set_air(direction, irradiance, sky_irradiance, quality);
         self.set(index, &light)
     }
 

@@ -57,6 +57,18 @@ pub struct EngineConfig {
     /// - Higher: moving lights are followed closely; longer ticks.
     /// - Lower: shorter ticks; direct light is older (counted as stale in each frame).
     pub shadow_points_per_tick_max: u32,
+    /// Voxels with receivers (light in empty air) that a session is told of, 0 to [`Self::RECEIVER_VOXELS_LIMIT`].
+    ///
+    /// The nearest to the camera are taken.
+    /// - Higher: moving objects are lit farther away; more memory, larger deltas.
+    /// - 0: moving objects have light only next to surfaces.
+    pub receiver_voxels_max: u32,
+    /// Rows of receivers gathered a tick, over all sessions, at least 1. A core gathers several million a second.
+    ///
+    /// One voxel a session and tick is gathered however small this is.
+    /// - Higher: light in the air follows the light of surfaces closely; longer ticks.
+    /// - Lower: shorter ticks; light in the air is older.
+    pub receiver_rows_per_tick_max: u32,
     /// Delta lights of a session, at least 1. Lights with more are ignored and counted.
     ///
     /// Direct light costs shadow rays in proportion: with more lights it is older.
@@ -88,6 +100,8 @@ impl Default for EngineConfig {
             adds_per_tick_max: 32,
             removals_per_tick_max: 32,
             shadow_points_per_tick_max: 32_768,
+            receiver_voxels_max: 4096,
+            receiver_rows_per_tick_max: 8192,
             lights_max: 256,
             retry_after_s: 1.0,
             retries_max: 3,
@@ -112,6 +126,8 @@ pub struct ConfigError {
 impl EngineConfig {
     /// Largest `resident_patches_max`: 3 GiB a session.
     pub const RESIDENT_PATCHES_LIMIT: u32 = 16_384;
+    /// Largest `receiver_voxels_max`: with the largest resident set a delta is still one message.
+    pub const RECEIVER_VOXELS_LIMIT: u32 = 16_384;
     /// Largest `sessions_max`.
     pub const SESSIONS_LIMIT: u32 = 1024;
     /// Largest `load_radius_m`, m.
@@ -148,6 +164,11 @@ impl EngineConfig {
         count("adds_per_tick_max", self.adds_per_tick_max, u32::MAX, at_least_one)?;
         count("removals_per_tick_max", self.removals_per_tick_max, u32::MAX, at_least_one)?;
         count("shadow_points_per_tick_max", self.shadow_points_per_tick_max, u32::MAX, at_least_one)?;
+        if self.receiver_voxels_max > Self::RECEIVER_VOXELS_LIMIT {
+            let (key, value) = ("receiver_voxels_max", self.receiver_voxels_max.to_string());
+            return Err(ConfigError { key, value, cause: "it has to be between 0 and 16384" });
+        }
+        count("receiver_rows_per_tick_max", self.receiver_rows_per_tick_max, u32::MAX, at_least_one)?;
         count("lights_max", self.lights_max, u32::MAX, at_least_one)?;
         count("drift_probe_every_swaps", self.drift_probe_every_swaps, u32::MAX, at_least_one)?;
         if self.decoded_bytes_max == 0 {
@@ -188,7 +209,7 @@ mod tests {
     #[test]
     fn each_impossible_value_is_refused_by_name() {
         type Spoil = fn(&mut EngineConfig);
-        let cases: [(&str, Spoil); 15] = [
+        let cases: [(&str, Spoil); 17] = [
             ("resident_patches_max", |c| c.resident_patches_max = 0),
             ("resident_patches_max", |c| c.resident_patches_max = 20_000),
             ("sessions_max", |c| c.sessions_max = 0),
@@ -200,6 +221,8 @@ mod tests {
             ("adds_per_tick_max", |c| c.adds_per_tick_max = 0),
             ("removals_per_tick_max", |c| c.removals_per_tick_max = 0),
             ("shadow_points_per_tick_max", |c| c.shadow_points_per_tick_max = 0),
+            ("receiver_voxels_max", |c| c.receiver_voxels_max = 20_000),
+            ("receiver_rows_per_tick_max", |c| c.receiver_rows_per_tick_max = 0),
             ("lights_max", |c| c.lights_max = 0),
             ("retry_after_s", |c| c.retry_after_s = -1.0),
             ("drift_probe_every_swaps", |c| c.drift_probe_every_swaps = 0),

@@ -111,7 +111,7 @@ impl Engine {
         }
         self.request_tiles(commands);
         for session in self.sessions.values_mut() {
-            session.replan(&self.chunks, self.config.hysteresis);
+            session.replan(&self.chunks, &self.config);
         }
         let left_for_light = self.swap_patches();
         self.refresh_direct(left_for_light);
@@ -331,6 +331,11 @@ impl Engine {
             if let Err(error) = session.advance(&self.config, tick, &mut self.counters) {
                 lost.push((id, error));
                 settled = false;
+            }
+        }
+        self.gather_air();
+        for (&id, session) in &mut self.sessions {
+            if lost.iter().any(|&(lost, _)| lost == id) {
                 continue;
             }
             if let Some(frame) = session.next_frame(&self.chunks, self.now_s) {
@@ -343,6 +348,23 @@ impl Engine {
             self.lose_backend(id, &error);
         }
         settled
+    }
+
+    /// Gathers light in empty air, each session for its share of the tick's budget.
+    fn gather_air(&mut self) {
+        let mut budget = Budget::new(self.config.receiver_rows_per_tick_max);
+        let waiting: Vec<_> = self
+            .sessions
+            .iter()
+            .filter(|(_, session)| session.air.stale_count() > 0)
+            .map(|(&id, _)| id)
+            .collect();
+        for (served, id) in rotated(&waiting, self.counters.ticks).into_iter().enumerate() {
+            let session = self.sessions.get_mut(&id).expect("waiting sessions are open");
+            let spent = session.gather_air(budget.share(waiting.len() - served));
+            budget.spend(spent);
+            self.counters.receiver_rows += u64::from(spent);
+        }
     }
 
     /// A backend failed: everything on it is gone, and a fresh one is filled again.

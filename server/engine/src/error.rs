@@ -35,4 +35,6 @@ pub(crate) enum TileFault {
     Duplicate,
     #[error("the row entries are not shares of known segments in ascending order")]
     Rows,
+    #[error("its receivers are out of order or place, stand where a patch is, or have no proper rows")]
+    Receivers,
 }

@@ -3,7 +3,7 @@
 use crate::SessionId;
 use earthshine_world::{Direction, Rgb, VoxelCoord};
 
-/// Light on one patch, and how good it is.
+/// Light on one patch or receiver, and how good it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PatchLight {
     /// Which voxel.
@@ -46,6 +46,8 @@ pub struct Frame {
     pub voxel_edge_m: f32,
     /// Every resident patch, ascending by voxel (x, y, z), then direction.
     pub patches: Vec<PatchLight>,
+    /// Light in empty air near the camera: receivers, ascending like `patches`. None is where a patch is resident.
+    pub receivers: Vec<PatchLight>,
     /// How complete it is.
     pub quality: FrameQuality,
 }

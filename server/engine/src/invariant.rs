@@ -9,14 +9,16 @@
 //! | E5 bijection | slots, free slots, slot tables and backend agree; a slot's patch is its chunk's |
 //! | E6 parts | row parts are up to date; the sky's part is the stored one, to the bit; the parts sum to at most one |
 //! | E7 frame | a frame is finite, not negative, ascending, and no larger than the capacity |
-//! | E8 limit | sessions are within the limit |
+//! | E8 limit | sessions and receivers are within their limits |
+//! | E9 air | receivers are counted, and light in the air is finite, ascending and nowhere where a patch is resident |
 
+use crate::PatchLight;
 use crate::engine::Engine;
 use crate::local_set::LocalSet;
 use crate::residency::ChunkState;
 use crate::session::Session;
 use earthshine_radiosity::Slot;
-use earthshine_world::{ChunkId, RowParts};
+use earthshine_world::{ChunkId, Direction, RowParts};
 use std::collections::BTreeMap;
 
 /// Most by which a row may exceed one, and by which row parts may differ from fresh ones.
@@ -51,6 +53,11 @@ impl Engine {
                 }
             }
             check_frame(session)?;
+            let most = self.config().receiver_voxels_max as usize;
+            ensure("E8 limit", session.air.len() <= most, || {
+                format!("session {} is told of {} voxels of air", session.id.0, session.air.len())
+            })?;
+            ensure("E9 air", session.air.is_counted(), || format!("session {}", session.id.0))?;
         }
         ensure("E8 limit", self.sessions.len() <= self.config().sessions_max as usize, || {
             format!("{} sessions", self.sessions.len())
@@ -126,17 +133,29 @@ fn check_parts(kept: RowParts, fresh: RowParts, at: impl Fn() -> String) -> Resu
 fn check_frame(session: &Session) -> Result<(), InvariantError> {
     let Some(frame) = &session.last_frame else { return Ok(()) };
     let at = || format!("session {} frame {}", session.id.0, frame.number);
-    let places = frame.patches.iter().map(|light| (light.voxel.to_array(), light.direction));
-    ensure("E7 frame", places.is_sorted_by(|a, b| a < b), at)?;
-    let is_sound = frame.patches.iter().all(|light| {
-        let is_light = |rgb: earthshine_world::Rgb| rgb.is_finite() && rgb.min_element() >= 0.0;
-        is_light(light.irradiance)
-            && is_light(light.sky_irradiance)
-            && (0.0..=1.0).contains(&light.known_share)
-            && (0.0..=1.0).contains(&light.far_share)
-    });
+    ensure("E7 frame", ascend(&frame.patches), at)?;
+    let is_sound = frame.patches.iter().all(is_light);
     let quality = frame.quality;
     let is_counted = frame.patches.len() == quality.resident_patches as usize;
     let is_within = quality.stale_direct <= quality.resident_patches;
-    ensure("E7 frame", is_sound && is_counted && is_within && frame.session == session.id, at)
+    ensure("E7 frame", is_sound && is_counted && is_within && frame.session == session.id, at)?;
+    let is_apart = |air: &PatchLight| frame.patches.binary_search_by_key(&place(air), place).is_err();
+    let is_air = frame.receivers.iter().all(|air| is_light(air) && is_apart(air));
+    ensure("E9 air", is_air && ascend(&frame.receivers), at)
+}
+
+fn place(light: &PatchLight) -> ([i32; 3], Direction) {
+    (light.voxel.to_array(), light.direction)
+}
+
+fn ascend(lights: &[PatchLight]) -> bool {
+    lights.is_sorted_by(|a, b| place(a) < place(b))
+}
+
+fn is_light(light: &PatchLight) -> bool {
+    let is_finite = |rgb: earthshine_world::Rgb| rgb.is_finite() && rgb.min_element() >= 0.0;
+    is_finite(light.irradiance)
+        && is_finite(light.sky_irradiance)
+        && (0.0..=1.0).contains(&light.known_share)
+        && (0.0..=1.0).contains(&light.far_share)
 }

@@ -16,7 +16,9 @@
 //! | which patches are nearest | `priority` | `resident_patches_max` |
 //! | remove, add, light the new ones | `session`, `local_set`, `slots` | `removals_per_tick_max`, `adds_per_tick_max` |
 //! | light what is out of date | `relight`, `direct` | `shadow_points_per_tick_max` |
-//! | sources to the backend, step, read, publish | `relight`, `session` | one frame a session |
+//! | sources to the backend, step, read | `relight`, `session` | |
+//! | gather light in empty air | `air` | `receiver_rows_per_tick_max` |
+//! | publish | `session` | one frame a session |
 //!
 //! Work that does not fit is carried over: plans are lists that later ticks go on with.
 //!
@@ -26,6 +28,7 @@
 //! outside, and the *far* columns (patches that exist but hold no slot) bring no light in this version. Their share
 //! is in every frame; it is never given to the sky.
 
+mod air;
 mod budget;
 mod chunks;
 pub mod config;

@@ -6,7 +6,7 @@
 use crate::relight::SlotLight;
 use crate::slots::{FREE, SlotTable, segment_slots, split_row, visit_row};
 use earthshine_radiosity::{Backend, BackendError, Slot, Update};
-use earthshine_world::{Chunk, ChunkId, Patch, PatchId, Rgb, RowParts};
+use earthshine_world::{Chunk, ChunkId, ChunkRows, Patch, PatchId, Rgb, RowParts};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -146,7 +146,20 @@ impl LocalSet {
     pub(crate) fn parts_of(&self, slot: u32) -> RowParts {
         let id = self.resident(slot).id;
         let chunk = self.chunk_of(id);
-        split_row(&segment_slots(&self.tables, chunk), chunk, usize::from(id.local))
+        split_row(&segment_slots(&self.tables, &chunk.rows), &chunk.rows, usize::from(id.local))
+    }
+
+    /// The slots that the columns of `rows` point at, by segment.
+    pub(crate) fn segment_slots(&self, rows: &ChunkRows) -> Vec<&[u32]> {
+        segment_slots(&self.tables, rows)
+    }
+
+    /// What leaves the patch in each slot, lm/m2; nothing leaves a free one.
+    pub(crate) fn exitances(&self) -> Vec<Rgb> {
+        let leaving = |resident: &Option<Resident>| {
+            resident.as_ref().map_or(Rgb::ZERO, |resident| resident.light.exitance(&resident.patch))
+        };
+        self.residents.iter().map(leaving).collect()
     }
 
     /// Slots in the order of frames: ascending by voxel (x, y, z), then direction.
@@ -230,9 +243,10 @@ impl LocalSet {
             let mut segments = None;
             for (local, slot) in table.taken_slots() {
                 if std::mem::take(&mut self.touched[slot as usize]) {
-                    let segments = segments.get_or_insert_with(|| segment_slots(&self.tables, &table.chunk));
+                    let segments =
+                        segments.get_or_insert_with(|| segment_slots(&self.tables, &table.chunk.rows));
                     let resident = self.residents[slot as usize].as_mut().expect("a table names taken slots");
-                    resident.parts = split_row(segments, &table.chunk, local);
+                    resident.parts = split_row(segments, &table.chunk.rows, local);
                 }
             }
         }
@@ -267,7 +281,7 @@ impl LocalSet {
         if table.is_empty() {
             self.tables.remove(&resident.id.chunk);
         }
-        visit_row(&segment_slots(&self.tables, &chunk), &chunk, local, |neighbour, _| {
+        visit_row(&segment_slots(&self.tables, &chunk.rows), &chunk.rows, local, |neighbour, _| {
             if neighbour != FREE {
                 self.touched[neighbour as usize] = true;
             }
@@ -282,7 +296,8 @@ impl LocalSet {
         let chunk = Arc::clone(self.chunk_of(id));
         let (mut row, mut column) = (Vec::new(), Vec::new());
         self.touched[slot as usize] = true;
-        visit_row(&segment_slots(&self.tables, &chunk), &chunk, usize::from(id.local), |neighbour, share| {
+        let segments = segment_slots(&self.tables, &chunk.rows);
+        visit_row(&segments, &chunk.rows, usize::from(id.local), |neighbour, share| {
             if neighbour == FREE || share == 0.0 {
                 return;
             }

@@ -38,6 +38,12 @@ impl SlotLight {
     pub(crate) fn sky_irradiance(&self) -> Rgb {
         self.sources.map_or(Rgb::ZERO, |(_, sky)| sky)
     }
+
+    /// What leaves `patch`, emitted and reflected, as far as the backend has said, lm/m2.
+    pub(crate) fn exitance(&self, patch: &Patch) -> Rgb {
+        let direct = self.sources.map_or(Rgb::ZERO, |(direct, _)| direct);
+        direct + patch.reflectance.min(Rgb::splat(Patch::REFLECTANCE_MAX)) * self.irradiance
+    }
 }
 
 /// Everything that lighting one session needs.

@@ -1,5 +1,6 @@
 //! One client's view: its camera, its lights, its local set, and what it was last told.
 
+use crate::air::AirSet;
 use crate::budget::Budget;
 use crate::chunks::ChunkTable;
 use crate::config::EngineConfig;
@@ -48,6 +49,8 @@ pub(crate) struct Session {
     chunks: Vec<WantedChunk>,
     plan: SwapPlan,
     is_plan_old: bool,
+    /// Light in empty air.
+    pub(crate) air: AirSet,
     are_sources_old: bool,
     /// Whether light or row parts changed after the last frame.
     has_news: bool,
@@ -71,6 +74,7 @@ impl Session {
             chunks: Vec::new(),
             plan: SwapPlan::default(),
             is_plan_old: true,
+            air: AirSet::default(),
             are_sources_old: true,
             has_news: false,
             told: None,
@@ -95,6 +99,10 @@ impl Session {
             self.lights_generation += 1;
         }
         self.are_sources_old |= rig != self.rig;
+        if rig.sky != self.rig.sky {
+            // Patches may not say so: where none is resident, nothing is solved.
+            self.air.outdate();
+        }
         self.rig = rig;
     }
 
@@ -111,7 +119,7 @@ impl Session {
     }
 
     /// Compares what is resident with what is nearest, if either may have changed.
-    pub(crate) fn replan(&mut self, table: &ChunkTable, hysteresis: f32) {
+    pub(crate) fn replan(&mut self, table: &ChunkTable, config: &EngineConfig) {
         let (Some(focus), Some(local)) = (self.focus, &self.local) else { return };
         if std::mem::take(&mut self.is_plan_old) {
             let chunks: Vec<_> = self
@@ -120,7 +128,9 @@ impl Session {
                 .filter(|wanted| wanted.has_tile)
                 .map(|wanted| &**table.chunk(wanted.id).expect("a wanted chunk keeps its tile"))
                 .collect();
-            self.plan = plan_swaps(focus, &chunks, local, hysteresis);
+            self.plan = plan_swaps(focus, &chunks, local, config.hysteresis);
+            let ids: Vec<_> = chunks.iter().map(|chunk| chunk.id).collect();
+            self.has_news |= self.air.replan(focus, &ids, table, config.receiver_voxels_max as usize);
         }
     }
 
@@ -272,8 +282,19 @@ impl Session {
         if std::mem::take(&mut self.are_sources_old) {
             counters.limited_sources += relight::set_sources(local, &self.rig)?;
         }
-        self.has_news |= relight::step(local)?;
+        if relight::step(local)? {
+            self.has_news = true;
+            self.air.outdate();
+        }
         Ok(())
+    }
+
+    /// Gathers light in empty air that is out of date, for up to `rows_max` rows. Returns the rows spent.
+    pub(crate) fn gather_air(&mut self, rows_max: u32) -> u32 {
+        let Some(local) = &self.local else { return 0 };
+        let spent = self.air.gather(local, &self.rig, rows_max);
+        self.has_news |= spent > 0;
+        spent
     }
 
     /// Frees every slot: the session closes, or its backend is of no more use.
@@ -284,6 +305,7 @@ impl Session {
             }
         }
         self.plan = SwapPlan::default();
+        self.air.clear();
         self.is_plan_old = true;
         self.are_sources_old = true;
     }
@@ -307,7 +329,11 @@ impl Session {
             resident_patches: local.len(),
             wanted_patches: u32::try_from(wanted).expect("limited by the capacity"),
             stale_direct,
-            settled: is_loaded && stale_direct == 0 && !self.is_plan_old && self.plan.is_empty(),
+            settled: is_loaded
+                && stale_direct == 0
+                && self.air.stale_count() == 0
+                && !self.is_plan_old
+                && self.plan.is_empty(),
         }
     }
 
@@ -330,6 +356,7 @@ impl Session {
             time_s: now_s,
             voxel_edge_m,
             patches,
+            receivers: self.air.lights(),
             quality,
         });
         self.last_frame = Some(Arc::clone(&frame));

@@ -1,6 +1,6 @@
 //! From columns of rows to slots: one table a chunk, indexed by the patch's place in it.
 
-use earthshine_world::{Chunk, ChunkId, PatchId, RowParts};
+use earthshine_world::{Chunk, ChunkId, ChunkRows, PatchId, RowParts};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -63,31 +63,34 @@ impl SlotTable {
     }
 }
 
-/// The slots of every segment that `chunk`'s columns point into: looked up once for many rows.
-pub(crate) fn segment_slots<'a>(tables: &'a BTreeMap<ChunkId, SlotTable>, chunk: &Chunk) -> Vec<&'a [u32]> {
-    chunk.rows.segments.iter().map(|id| tables.get(id).map_or(&[][..], |table| &table.slots)).collect()
+/// The slots of every segment that the columns of `rows` point into: looked up once for many rows.
+pub(crate) fn segment_slots<'a>(
+    tables: &'a BTreeMap<ChunkId, SlotTable>,
+    rows: &ChunkRows,
+) -> Vec<&'a [u32]> {
+    rows.segments.iter().map(|id| tables.get(id).map_or(&[][..], |table| &table.slots)).collect()
 }
 
-/// Calls `visit` with the slot (or [`FREE`]) and the share of every entry of row `local` of `chunk`.
-pub(crate) fn visit_row(segments: &[&[u32]], chunk: &Chunk, local: usize, mut visit: impl FnMut(u32, f32)) {
-    for (column, share) in chunk.rows.row(local) {
+/// Calls `visit` with the slot (or [`FREE`]) and the share of every entry of row `row` of `rows`.
+pub(crate) fn visit_row(segments: &[&[u32]], rows: &ChunkRows, row: usize, mut visit: impl FnMut(u32, f32)) {
+    for (column, share) in rows.row(row) {
         let slots = segments[usize::from(column.segment)];
         visit(slots.get(usize::from(column.local)).copied().unwrap_or(FREE), share);
     }
 }
 
-/// How row `local` of `chunk` splits over the slots taken now. What is not resident is far, and never the sky's.
-pub(crate) fn split_row(segments: &[&[u32]], chunk: &Chunk, local: usize) -> RowParts {
+/// How row `row` of `rows` splits over the slots taken now. What is not resident is far, and never the sky's.
+pub(crate) fn split_row(segments: &[&[u32]], rows: &ChunkRows, row: usize) -> RowParts {
     // Shares come from f16 or f32: their sums in f64 do not depend on the order.
     let (mut resident, mut far) = (0.0f64, 0.0f64);
-    visit_row(segments, chunk, local, |slot, share| {
+    visit_row(segments, rows, row, |slot, share| {
         *(if slot == FREE { &mut far } else { &mut resident }) += f64::from(share);
     });
-    let sky: f64 = chunk.rows.sky_shares[local].iter().map(|&share| f64::from(share)).sum();
+    let sky: f64 = rows.sky_shares[row].iter().map(|&share| f64::from(share)).sum();
     RowParts {
         resident: resident as f32,
         far: far as f32,
         sky: sky as f32,
-        absorbed: chunk.rows.absorbed_shares[local],
+        absorbed: rows.absorbed_shares[row],
     }
 }

@@ -59,6 +59,8 @@ pub struct Counters {
     pub slots_lit: u64,
     /// Sample points times lights: the most shadow rays that may have been traced.
     pub rays: u64,
+    /// Rows of receivers gathered.
+    pub receiver_rows: u64,
     /// Sources that were not a number or beyond what `f32` light can carry, and were limited.
     pub limited_sources: u64,
     /// Measurements of drift.
@@ -95,6 +97,7 @@ impl Counters {
             backend_failures: self.backend_failures - earlier.backend_failures,
             slots_lit: self.slots_lit - earlier.slots_lit,
             rays: self.rays - earlier.rays,
+            receiver_rows: self.receiver_rows - earlier.receiver_rows,
             limited_sources: self.limited_sources - earlier.limited_sources,
             drift_probes: self.drift_probes - earlier.drift_probes,
             resolves: self.resolves - earlier.resolves,

@@ -5,7 +5,7 @@
 
 use crate::error::TileFault;
 use earthshine_light::Occluders;
-use earthshine_world::{Chunk, ChunkRows, ChunkSummary, Grid, Patch, SamplePoint};
+use earthshine_world::{Chunk, ChunkRows, ChunkSummary, Grid, Patch, ReceiverPlace, SamplePoint};
 use std::mem::size_of;
 use std::sync::Arc;
 
@@ -24,6 +24,7 @@ impl Tile {
     pub(crate) fn new(chunk: Arc<Chunk>, occluders: &Occluders, grid: &Grid) -> Result<Self, TileFault> {
         check_patches(&chunk, grid)?;
         check_rows(&chunk.rows, chunk.patches.len())?;
+        check_receivers(&chunk, grid)?;
         let bytes = (chunk_bytes(&chunk) + occluders.bytes()) as u64;
         Ok(Self { chunk, bytes, casts_shadows: occluders.triangle_count() > 0 })
     }
@@ -42,19 +43,24 @@ pub(crate) fn estimated_bytes(summary: &ChunkSummary) -> u64 {
 }
 
 fn chunk_bytes(chunk: &Chunk) -> usize {
-    let rows = &chunk.rows;
     size_of::<Chunk>()
         + size_of_val(chunk.patches.as_slice())
         + size_of_val(chunk.points.as_slice())
-        + size_of_val(rows.segments.as_slice())
+        + rows_bytes(&chunk.rows)
+        + size_of_val(chunk.receivers.places.as_slice())
+        + rows_bytes(&chunk.receivers.rows)
+        + size_of_val(chunk.occluders.vertices.as_slice())
+        + size_of_val(chunk.occluders.triangles.as_slice())
+        + size_of_val(chunk.occluders.surfaces.as_slice())
+}
+
+fn rows_bytes(rows: &ChunkRows) -> usize {
+    size_of_val(rows.segments.as_slice())
         + size_of_val(rows.row_starts.as_slice())
         + size_of_val(rows.columns.as_slice())
         + size_of_val(rows.shares.as_slice())
         + size_of_val(rows.sky_shares.as_slice())
         + size_of_val(rows.absorbed_shares.as_slice())
-        + size_of_val(chunk.occluders.vertices.as_slice())
-        + size_of_val(chunk.occluders.triangles.as_slice())
-        + size_of_val(chunk.occluders.surfaces.as_slice())
 }
 
 fn check_patches(chunk: &Chunk, grid: &Grid) -> Result<(), TileFault> {
@@ -74,6 +80,24 @@ fn check_patches(chunk: &Chunk, grid: &Grid) -> Result<(), TileFault> {
     }
     places.sort_unstable();
     if places.windows(2).any(|pair| pair[0] == pair[1]) { Err(TileFault::Duplicate) } else { Ok(()) }
+}
+
+/// Receivers ascend, lie in the chunk, and none is where a patch is.
+fn check_receivers(chunk: &Chunk, grid: &Grid) -> Result<(), TileFault> {
+    let places = &chunk.receivers.places;
+    if places.len() > Chunk::PATCHES_MAX || !places.is_sorted_by(|a, b| a.order() < b.order()) {
+        return Err(TileFault::Receivers);
+    }
+    let mut patches: Vec<_> =
+        chunk.patches.iter().map(|patch| (patch.voxel.to_array(), patch.direction)).collect();
+    patches.sort_unstable();
+    let strays = |place: &ReceiverPlace| {
+        grid.chunk_of(place.voxel) != chunk.id.coord || patches.binary_search(&place.order()).is_ok()
+    };
+    if places.iter().any(strays) {
+        return Err(TileFault::Receivers);
+    }
+    check_rows(&chunk.receivers.rows, places.len()).map_err(|_| TileFault::Receivers)
 }
 
 fn check_rows(rows: &ChunkRows, patch_count: usize) -> Result<(), TileFault> {
@@ -116,7 +140,7 @@ mod tests {
     fn each_broken_table_is_refused() {
         assert_eq!(check(|_| ()), Ok(()));
         type Spoil = fn(&mut Chunk);
-        let cases: [(TileFault, Spoil); 14] = [
+        let cases: [(TileFault, Spoil); 18] = [
             (TileFault::Lengths, |c| c.rows.absorbed_shares.truncate(1)),
             (TileFault::Lengths, |c| c.rows.shares.truncate(1)),
             (TileFault::Lengths, |c| c.rows.row_starts[1] = u32::MAX),
@@ -131,6 +155,14 @@ mod tests {
             (TileFault::Rows, |c| c.rows.shares[0] = f32::NAN),
             (TileFault::Rows, |c| c.rows.sky_shares[0][3] = -0.1),
             (TileFault::Rows, |c| c.rows.segments.reverse()),
+            (TileFault::Receivers, |c| c.receivers.places.reverse()),
+            (TileFault::Receivers, |c| c.receivers.places[0].voxel.x -= 1000),
+            (TileFault::Receivers, |c| c.receivers.rows.shares[0] = -1.0),
+            (TileFault::Receivers, |c| {
+                let Patch { voxel, direction, .. } = c.patches[0];
+                c.receivers.places[0] = ReceiverPlace { voxel, direction };
+                c.receivers.places.sort_by_key(ReceiverPlace::order);
+            }),
         ];
         for (number, (fault, spoil)) in cases.into_iter().enumerate() {
             assert_eq!(check(spoil), Err(fault), "case {number}");

@@ -93,6 +93,7 @@ pub(crate) fn delta(changes: &Changes) -> v1::ServerMessage {
         time_s: changes.caption.time_s,
         voxels: Vec::with_capacity(changes.voxels.len()),
         present: Vec::with_capacity(changes.voxels.len()),
+        air: Vec::with_capacity(changes.voxels.len()),
         ..v1::Delta::default()
     };
     let mut before = 0;
@@ -100,6 +101,7 @@ pub(crate) fn delta(changes: &Changes) -> v1::ServerMessage {
         delta.voxels.push(index - before);
         before = *index;
         delta.present.push(codes.present);
+        delta.air.push(codes.air);
         for direction in (0..6).filter(|direction| codes.present >> direction & 1 == 1) {
             delta.irradiance.push(codes.irradiance[direction]);
             delta.sky_irradiance.push(codes.sky_irradiance[direction]);
@@ -108,6 +110,9 @@ pub(crate) fn delta(changes: &Changes) -> v1::ServerMessage {
     }
     if delta.sky_irradiance.iter().all(|&code| code == 0) {
         delta.sky_irradiance.clear();
+    }
+    if delta.air.iter().all(|&mask| mask == 0) {
+        delta.air.clear();
     }
     say(Message::Delta(delta))
 }

@@ -26,6 +26,7 @@ fn frame(lights: &[(IVec3, f32)]) -> Frame {
         time_s: 1.0,
         voxel_edge_m: 1.0,
         patches,
+        receivers: Vec::new(),
         quality: FrameQuality::default(),
     }
 }

@@ -1,6 +1,8 @@
 //! The main path: hello, camera, volume, delta, and the light is right.
 
-use crate::world::{POSITIONS, Raw, Service, closed_form, within};
+use crate::world::{
+    AIR_SHARE, AIR_VOXEL, EMITTED, POSITIONS, REFLECTANCES, Raw, Service, closed_form, within,
+};
 use earthshine_client::{Camera, Client, ClientOptions, Light, Lights, Vec3};
 use earthshine_protocol::v1::{
     self, client_message::Message, lighting_client::LightingClient, server_message,
@@ -32,6 +34,22 @@ fn assert_light(light: &Light, factor: f32) {
     }
 }
 
+/// What arrives between the plates from the lamp's side.
+fn air() -> Vec3 {
+    AIR_SHARE * (EMITTED + REFLECTANCES[0] * closed_form()[0])
+}
+
+/// Between the plates what the lamp sends is there, at once with the plates' own light.
+fn assert_air(light: &Light) {
+    let centre = AIR_VOXEL.as_vec3() + 0.5;
+    let found = light.lookup(centre + Vec3::X * 0.25, Vec3::NEG_X).expect("light in the air");
+    let expected = air();
+    let error = (found.irradiance - expected).abs().max_element() / expected.max_element();
+    assert!(error < 1.0 / 400.0, "{:?} instead of {expected:?}", found.irradiance);
+    assert!((found.quality - 1.0).abs() < 1e-3);
+    assert_eq!(light.lookup(centre, Vec3::X), None, "only one direction has a receiver");
+}
+
 #[tokio::test]
 async fn two_plates_are_lit_as_the_closed_form_says() {
     let service = Service::start(|_| ()).await;
@@ -39,8 +57,9 @@ async fn two_plates_are_lit_as_the_closed_form_says() {
     assert_eq!(client.session().world, "plates");
     client.set_camera(CAMERA).unwrap();
     let light = settled(&mut client).await;
-    assert_eq!(light.patch_count(), 2);
+    assert_eq!(light.patch_count(), 3, "two patches and a receiver");
     assert_light(&light, 1.0);
+    assert_air(&light);
 
     // Twice the emission, twice the light.
     client.set_lights(&Lights { emission_scale: 2.0, ..Lights::default() }).unwrap();
@@ -103,7 +122,7 @@ async fn every_camera_gets_its_answer_and_only_changes_are_sent() {
             raw.say_camera(sequence, 6.5 + sequence as f32 * 0.01).await;
         }
     }
-    assert!((2..=8).contains(&light_sent), "{light_sent} voxels for two patches");
+    assert!((3..=12).contains(&light_sent), "{light_sent} voxels for two patches and a receiver");
     service.stop().await;
 }
 
@@ -125,15 +144,16 @@ async fn a_slow_client_gets_one_merged_delta() {
     raw.say(Message::Ack(v1::Ack { volume: first.volume, generation: first.to_generation })).await;
     let merged = raw.hear_delta().await;
     assert_eq!(merged.from_generation, first.to_generation);
-    assert_eq!(merged.voxels.len(), 2);
-    let newest = closed_form().map(|light| earthshine_volume::rgb9e5::encode(light * 41.0));
+    assert_eq!(merged.voxels.len(), 3);
+    let [lamp, wall] = closed_form();
+    let newest = [lamp, air(), wall].map(|light| earthshine_volume::rgb9e5::encode(light * 41.0));
     assert_eq!(merged.irradiance, newest);
     assert!(service.metric("earthshine_frames_skipped_total").await >= 30.0);
 
     // A client that lost its light says so, and gets all of it.
     raw.say(Message::Ack(v1::Ack { volume: first.volume, generation: 0 })).await;
     let whole = raw.hear_delta().await;
-    assert_eq!((whole.from_generation, whole.voxels.len()), (0, 2));
+    assert_eq!((whole.from_generation, whole.voxels.len()), (0, 3));
     service.stop().await;
 }
 
@@ -183,7 +203,7 @@ async fn the_world_is_described_without_a_session() {
     let info = client.world(v1::WorldRequest::default()).await.unwrap().into_inner();
     assert_eq!(
         (info.world.as_str(), info.chunk_count, info.patch_count, info.nonzero_count),
-        ("plates", 1, 2, 2)
+        ("plates", 1, 2, 3)
     );
     assert_eq!(info.lights.unwrap().emission_scale, Some(1.0));
     let wrong = v1::WorldRequest { world: Some("town".to_owned()) };

@@ -9,8 +9,8 @@ use earthshine_tiles::{
     write_atomic,
 };
 use earthshine_world::{
-    Bounds, Chunk, ChunkCoord, ChunkId, ChunkRows, Column, Direction, LightRig, OccluderMesh, Patch, Rgb,
-    SamplePoint, Vec3, VoxelCoord,
+    Bounds, Chunk, ChunkCoord, ChunkId, ChunkRows, Column, Direction, LightRig, OccluderMesh, Patch,
+    ReceiverPlace, Receivers, Rgb, SamplePoint, Vec3, VoxelCoord,
 };
 use std::path::Path;
 use std::time::Duration;
@@ -61,7 +61,24 @@ fn chunk() -> Chunk {
         sky_shares: vec![[0.0; 6]; 2],
         absorbed_shares: vec![1.0 - SHARE; 2],
     };
-    Chunk { id, patches, points, rows, occluders: OccluderMesh::default() }
+    Chunk { id, patches, points, rows, receivers: receivers(id), occluders: OccluderMesh::default() }
+}
+
+/// Half-way between the two, facing the lamp.
+pub(crate) const AIR_VOXEL: VoxelCoord = VoxelCoord::new(6, 4, 4);
+/// Of what arrives there, what the lamp may send.
+pub(crate) const AIR_SHARE: f32 = 0.5;
+
+fn receivers(id: ChunkId) -> Receivers {
+    let rows = ChunkRows {
+        segments: vec![id],
+        row_starts: vec![0, 1],
+        columns: vec![Column { segment: 0, local: 0 }],
+        shares: vec![AIR_SHARE],
+        sky_shares: vec![[0.0; 6]],
+        absorbed_shares: vec![1.0 - AIR_SHARE],
+    };
+    Receivers { places: vec![ReceiverPlace { voxel: AIR_VOXEL, direction: Direction::NegX }], rows }
 }
 
 /// Writes the world into `folder`.
@@ -89,6 +106,8 @@ pub(crate) fn write(folder: &Path) {
             input_hash: 0,
             patch_count: 2,
             nonzero_count: 2,
+            receiver_count: 1,
+            receiver_nonzero_count: 1,
         }],
     };
     manifest.save(folder).unwrap();

@@ -2,11 +2,11 @@
 
 use crate::checksum;
 use crate::codec::zstd_frame::Packer;
-use crate::codec::{Decoded, RowCodec, occluders, patches, points, row_encode, segments};
+use crate::codec::{Decoded, RowCodec, occluders, patches, points, receivers, row_encode, segments};
 use crate::error::TileError;
-use crate::format::{Frame, MAGIC, SectionEntry, TileHeader, VERSION};
+use crate::format::{Frame, GroupCounts, MAGIC, SectionEntry, TileHeader, VERSION};
 use crate::{limits, structure};
-use earthshine_world::Chunk;
+use earthshine_world::{Chunk, ChunkRows};
 use std::path::Path;
 
 /// How to encode, and for which world.
@@ -85,6 +85,9 @@ fn header_of(chunk: &Chunk, options: &EncodeOptions) -> TileHeader {
         section_count: 0,
         vertex_count: count(chunk.occluders.vertices.len()),
         triangle_count: count(chunk.occluders.triangles.len()),
+        receiver_count: count(chunk.receivers.places.len()),
+        receiver_segment_count: count(chunk.receivers.rows.segments.len()),
+        receiver_nonzero_count: chunk.receivers.rows.columns.len() as u64,
         table_hash: 0,
         header_hash: 0,
     }
@@ -93,17 +96,25 @@ fn header_of(chunk: &Chunk, options: &EncodeOptions) -> TileHeader {
 /// Each frame with its length before zstd and its bytes after, in file order.
 fn encode_frames(chunk: &Chunk, options: &EncodeOptions) -> Decoded<Vec<(Frame, usize, Vec<u8>)>> {
     let mut packer = Packer::new(options.zstd_level);
-    let group_rows = limits::ROWS_PER_GROUP as usize;
-    let groups = chunk.patches.len().div_ceil(group_rows) as u32;
+    let groups = GroupCounts::of(chunk.patches.len() as u32, chunk.receivers.places.len() as u32);
+    let packed_rows = |rows: &ChunkRows, group: u32, packer: &mut Packer| {
+        let first = (group * limits::ROWS_PER_GROUP) as usize;
+        let range = first..rows.row_count().min(first + limits::ROWS_PER_GROUP as usize);
+        row_encode::encode(rows, range, options.codec, packer)
+    };
     Frame::in_order(groups)
         .map(|frame| {
             let raw = match frame {
                 Frame::Rows(group) => {
-                    let first = group as usize * group_rows;
-                    let range = first..chunk.patches.len().min(first + group_rows);
-                    let packed = row_encode::encode(&chunk.rows, range, options.codec, &mut packer)?;
+                    let packed = packed_rows(&chunk.rows, group, &mut packer)?;
                     return Ok((frame, packed.raw_bytes, packed.frame));
                 }
+                Frame::ReceiverRows(group) => {
+                    let packed = packed_rows(&chunk.receivers.rows, group, &mut packer)?;
+                    return Ok((frame, packed.raw_bytes, packed.frame));
+                }
+                Frame::Receivers => receivers::encode(&chunk.receivers.places),
+                Frame::ReceiverSegments => segments::encode(&chunk.receivers.rows.segments),
                 Frame::Points => points::encode(&chunk.points)?,
                 Frame::Segments => segments::encode(&chunk.rows.segments),
                 Frame::Occluders => occluders::encode(&chunk.occluders),

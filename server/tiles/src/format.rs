@@ -2,8 +2,8 @@
 //!
 //! ```text
 //! 0    ┌────────────────────────────┐
-//!      │ TileHeader            96 B │ magic, version, chunk, world, counts, hash of the table, own hash
-//! 96   ├────────────────────────────┤
+//!      │ TileHeader           112 B │ magic, version, chunk, world, counts, hash of the table, own hash
+//! 112  ├────────────────────────────┤
 //!      │ SectionEntry          32 B │ one a frame, in the order of the frames:
 //!      │   x section_count          │ kind, group, offset, bytes stored and raw, hash as stored
 //!      ├────────────────────────────┤ <- each frame is one zstd frame; no gaps, no padding
@@ -12,6 +12,10 @@
 //!      │ segments                   │ SegmentRecord x segment_count: the chunks that columns point into
 //!      │ rows 0                     │ 32 rows: own segment list, sky, absorbed, column gaps, shares
 //!      │ ...                        │ ceil(patch_count / 32) groups in all
+//!      │ receivers                  │ ReceiverRecord x receiver_count, byte planes: rows in empty air
+//!      │ receivers' segments        │ SegmentRecord x receiver_segment_count
+//!      │ receivers' rows 0          │ as rows, one row a receiver
+//!      │ ...                        │ ceil(receiver_count / 32) groups in all
 //!      │ occluders                  │ vertices, triangles, surfaces, byte planes
 //! file_bytes ───────────────────────┘ nothing follows
 //! ```
@@ -26,17 +30,17 @@ use earthshine_world::{ChunkCoord, ChunkId};
 use std::path::Path;
 
 /// Version of the tile format and of `world.toml`. Any change of a layout is a new number.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 /// First bytes of a tile. The last two find files that were copied as text.
 pub const MAGIC: [u8; 8] = *b"EARTHS\r\n";
-/// Sections besides row groups: patches, points, segments, occluders.
-pub(crate) const SECTIONS_FIXED: u32 = 4;
+/// Sections besides row groups: patches, points, segments, receivers and their segments, occluders.
+pub(crate) const SECTIONS_FIXED: u32 = 6;
 
 const _: () = assert!(cfg!(target_endian = "little"), "tiles are read as they lie in memory");
-const _: () = assert!(size_of::<TileHeader>() == 96, "the header is 96 bytes on disk");
+const _: () = assert!(size_of::<TileHeader>() == 112, "the header is 112 bytes on disk");
 const _: () = assert!(size_of::<SectionEntry>() == 32, "a section entry is 32 bytes on disk");
 
-/// First 96 bytes of a tile.
+/// First 112 bytes of a tile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct TileHeader {
@@ -68,6 +72,12 @@ pub struct TileHeader {
     pub vertex_count: u32,
     /// Triangles of the occluders.
     pub triangle_count: u32,
+    /// Receivers, and rows of them.
+    pub receiver_count: u32,
+    /// Chunks that the columns of receivers point into.
+    pub receiver_segment_count: u32,
+    /// Form factors in all rows of receivers.
+    pub receiver_nonzero_count: u64,
     /// Hash of the section table.
     pub table_hash: u64,
     /// Hash of all header bytes before this one; names the tile.
@@ -92,10 +102,31 @@ pub struct SectionEntry {
     pub hash: u64,
 }
 
+/// Row groups of a tile.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct GroupCounts {
+    /// Of patches' rows.
+    pub(crate) patches: u32,
+    /// Of receivers' rows.
+    pub(crate) receivers: u32,
+}
+
+impl GroupCounts {
+    /// Groups for so many patches and receivers.
+    pub(crate) fn of(patch_count: u32, receiver_count: u32) -> Self {
+        let groups = |rows: u32| rows.div_ceil(limits::ROWS_PER_GROUP);
+        Self { patches: groups(patch_count), receivers: groups(receiver_count) }
+    }
+
+    fn total(self) -> u32 {
+        self.patches + self.receivers
+    }
+}
+
 /// A part of a tile, as messages name it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Frame {
-    /// The first 96 bytes.
+    /// The first 112 bytes.
     Header,
     /// The section table.
     Table,
@@ -107,6 +138,12 @@ pub enum Frame {
     Segments,
     /// Rows `32 * n ..`.
     Rows(u32),
+    /// Places of receivers.
+    Receivers,
+    /// Chunks that the columns of receivers point into.
+    ReceiverSegments,
+    /// Rows `32 * n ..` of receivers.
+    ReceiverRows(u32),
     /// Shadow casters.
     Occluders,
 }
@@ -120,6 +157,9 @@ impl std::fmt::Display for Frame {
             Self::Points => f.write_str("frame of sample points"),
             Self::Segments => f.write_str("frame of segments"),
             Self::Rows(group) => write!(f, "frame of row group {group}"),
+            Self::Receivers => f.write_str("frame of receivers"),
+            Self::ReceiverSegments => f.write_str("frame of receivers' segments"),
+            Self::ReceiverRows(group) => write!(f, "frame of receivers' row group {group}"),
             Self::Occluders => f.write_str("frame of occluders"),
         }
     }
@@ -135,26 +175,37 @@ impl Frame {
             Self::Segments => (3, 0),
             Self::Rows(group) => (4, group),
             Self::Occluders => (5, 0),
+            Self::Receivers => (6, 0),
+            Self::ReceiverSegments => (7, 0),
+            Self::ReceiverRows(group) => (8, group),
         }
     }
 
-    /// Its place in the section table of a tile with `group_count` row groups.
-    pub(crate) fn place(self, group_count: u32) -> Option<usize> {
+    /// Its place in the section table of a tile with `groups` row groups.
+    pub(crate) fn place(self, groups: GroupCounts) -> Option<usize> {
+        let after_rows = 3 + groups.patches as usize;
         match self {
             Self::Header | Self::Table => None,
             Self::Patches => Some(0),
             Self::Points => Some(1),
             Self::Segments => Some(2),
-            Self::Rows(group) => (group < group_count).then_some(3 + group as usize),
-            Self::Occluders => Some(3 + group_count as usize),
+            Self::Rows(group) => (group < groups.patches).then_some(3 + group as usize),
+            Self::Receivers => Some(after_rows),
+            Self::ReceiverSegments => Some(after_rows + 1),
+            Self::ReceiverRows(group) => {
+                (group < groups.receivers).then_some(after_rows + 2 + group as usize)
+            }
+            Self::Occluders => Some(after_rows + 2 + groups.receivers as usize),
         }
     }
 
-    /// The frames of a tile with `group_count` row groups, in file order.
-    pub(crate) fn in_order(group_count: u32) -> impl Iterator<Item = Self> {
+    /// The frames of a tile with `groups` row groups, in file order.
+    pub(crate) fn in_order(groups: GroupCounts) -> impl Iterator<Item = Self> {
         [Self::Patches, Self::Points, Self::Segments]
             .into_iter()
-            .chain((0..group_count).map(Self::Rows))
+            .chain((0..groups.patches).map(Self::Rows))
+            .chain([Self::Receivers, Self::ReceiverSegments])
+            .chain((0..groups.receivers).map(Self::ReceiverRows))
             .chain([Self::Occluders])
     }
 }
@@ -167,9 +218,8 @@ impl TileHeader {
     }
 
     /// Row groups of the tile.
-    #[must_use]
-    pub fn group_count(&self) -> u32 {
-        self.patch_count.div_ceil(limits::ROWS_PER_GROUP)
+    pub(crate) fn groups(&self) -> GroupCounts {
+        GroupCounts::of(self.patch_count, self.receiver_count)
     }
 
     /// The hash that `header_hash` must be.
@@ -221,10 +271,10 @@ impl TileHeader {
             let surplus = bytes.len() as u64 - header.file_bytes;
             return Err(structure(format!("{surplus} bytes follow the end of the tile")));
         }
-        if header.section_count != SECTIONS_FIXED + header.group_count() {
+        if header.section_count != SECTIONS_FIXED + header.groups().total() {
             return Err(structure(format!(
-                "{} sections for {} patches",
-                header.section_count, header.patch_count
+                "{} sections for {} patches and {} receivers",
+                header.section_count, header.patch_count, header.receiver_count
             )));
         }
         if header.frames_offset() > header.file_bytes {
@@ -238,7 +288,7 @@ impl TileHeader {
         let Some(table) = bytes.get(size_of::<Self>()..self.frames_offset() as usize) else {
             return Frame::Table;
         };
-        Frame::in_order(self.group_count())
+        Frame::in_order(self.groups())
             .zip(table.chunks_exact(size_of::<SectionEntry>()))
             .find(|(_, entry)| {
                 let entry: SectionEntry = bytemuck::pod_read_unaligned(entry);
@@ -254,6 +304,9 @@ impl TileHeader {
             ("sample points", u64::from(self.point_count), u64::from(limits::POINTS_MAX)),
             ("non-zeros", self.nonzero_count, limits::NONZEROS_MAX),
             ("segments", u64::from(self.segment_count), u64::from(limits::SEGMENTS_MAX)),
+            ("receivers", u64::from(self.receiver_count), u64::from(limits::PATCHES_MAX)),
+            ("receivers' non-zeros", self.receiver_nonzero_count, limits::NONZEROS_MAX),
+            ("receivers' segments", u64::from(self.receiver_segment_count), u64::from(limits::SEGMENTS_MAX)),
             ("vertices", u64::from(self.vertex_count), u64::from(limits::VERTICES_MAX)),
             ("triangles", u64::from(self.triangle_count), u64::from(limits::TRIANGLES_MAX)),
             ("bytes", self.file_bytes, limits::TILE_BYTES_MAX),
@@ -287,12 +340,14 @@ mod tests {
 
     #[test]
     fn every_frame_is_at_its_place() {
-        for groups in [0, 1, 5] {
+        for (patches, receivers) in [(0, 0), (1, 0), (0, 2), (5, 3)] {
+            let groups = GroupCounts { patches, receivers };
             for (place, frame) in Frame::in_order(groups).enumerate() {
                 assert_eq!(frame.place(groups), Some(place), "{frame}");
             }
-            assert_eq!(Frame::in_order(groups).count() as u32, SECTIONS_FIXED + groups);
-            assert_eq!(Frame::Rows(groups).place(groups), None);
+            assert_eq!(Frame::in_order(groups).count() as u32, SECTIONS_FIXED + groups.total());
+            assert_eq!(Frame::Rows(patches).place(groups), None);
+            assert_eq!(Frame::ReceiverRows(receivers).place(groups), None);
         }
     }
 

@@ -7,7 +7,8 @@ use crate::format::{SectionEntry, TileHeader};
 use crate::reader::Layout;
 use crate::{EncodeOptions, RowCodec, decode_bytes, encode, limits, structure};
 use earthshine_world::{
-    Chunk, ChunkCoord, ChunkId, ChunkRows, Column, Direction, OccluderMesh, Patch, SamplePoint, Vec3,
+    Chunk, ChunkCoord, ChunkId, ChunkRows, Column, Direction, OccluderMesh, Patch, ReceiverPlace, Receivers,
+    SamplePoint, Vec3,
 };
 use std::path::Path;
 
@@ -45,7 +46,25 @@ fn chunk() -> Chunk {
         surfaces: vec![[9; 4]],
     };
     let (patches, points) = ((0..PATCHES).map(patch).collect(), (0..PATCHES).map(point).collect());
-    Chunk { id, patches, points, rows, occluders }
+    let receivers = receivers(&rows);
+    Chunk { id, patches, points, rows, receivers, occluders }
+}
+
+/// Five receivers above the patches, with the first five of `rows`.
+fn receivers(rows: &ChunkRows) -> Receivers {
+    const COUNT: usize = 5;
+    let place =
+        |index: usize| ReceiverPlace { voxel: ChunkCoord::new(16, 17, 16), direction: Direction::ALL[index] };
+    let entries = rows.row_starts[COUNT] as usize;
+    let rows = ChunkRows {
+        segments: rows.segments.clone(),
+        row_starts: rows.row_starts[..=COUNT].to_vec(),
+        columns: rows.columns[..entries].to_vec(),
+        shares: rows.shares[..entries].to_vec(),
+        sky_shares: rows.sky_shares[..COUNT].to_vec(),
+        absorbed_shares: rows.absorbed_shares[..COUNT].to_vec(),
+    };
+    Receivers { places: (0..COUNT).map(place).collect(), rows }
 }
 
 fn tile(codec: RowCodec) -> Vec<u8> {
@@ -149,7 +168,7 @@ fn frames_of_other_lengths_are_refused() {
 fn huge_counts_in_small_files_are_refused() {
     let (header, frames) = take_apart(&tile(RowCodec::Half));
     type Change = fn(&mut TileHeader);
-    let over_limit: [Change; 7] = [
+    let over_limit: [Change; 10] = [
         |h| h.patch_count = limits::PATCHES_MAX + 1,
         |h| h.point_count = u32::MAX,
         |h| h.nonzero_count = u64::MAX,
@@ -157,6 +176,9 @@ fn huge_counts_in_small_files_are_refused() {
         |h| h.vertex_count = u32::MAX,
         |h| h.triangle_count = u32::MAX,
         |h| h.level = 16,
+        |h| h.receiver_count = limits::PATCHES_MAX + 1,
+        |h| h.receiver_nonzero_count = u64::MAX,
+        |h| h.receiver_segment_count = u32::MAX,
     ];
     for change in over_limit {
         let mut header = header;
@@ -164,7 +186,7 @@ fn huge_counts_in_small_files_are_refused() {
         let result = decode(&put_together(header, &frames));
         assert!(matches!(result, Err(TileError::Limit { .. })), "{result:?}");
     }
-    let contradictory: [Change; 7] = [
+    let contradictory: [Change; 11] = [
         |h| h.patch_count = limits::PATCHES_MAX,
         |h| h.point_count = limits::POINTS_MAX,
         |h| h.nonzero_count = limits::NONZEROS_MAX,
@@ -172,6 +194,10 @@ fn huge_counts_in_small_files_are_refused() {
         |h| h.segment_count = limits::SEGMENTS_MAX,
         |h| h.vertex_count = limits::VERTICES_MAX,
         |h| h.row_codec = 77,
+        |h| h.receiver_count = limits::PATCHES_MAX,
+        |h| h.receiver_count -= 1,
+        |h| h.receiver_nonzero_count = limits::NONZEROS_MAX,
+        |h| h.receiver_nonzero_count -= 1,
     ];
     for change in contradictory {
         let mut header = header;

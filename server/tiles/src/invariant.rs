@@ -51,9 +51,18 @@ pub enum RowFaultKind {
 /// Breaches of R1, R2 and R3, and of R4 within the chunk itself; at most one of each a row.
 #[must_use]
 pub fn check_rows(chunk: &Chunk) -> Vec<RowFault> {
-    let rows = &chunk.rows;
+    faults_of(chunk, &chunk.rows, chunk.patches.len())
+}
+
+/// The same of the rows of the chunk's receivers.
+#[must_use]
+pub fn check_receivers(chunk: &Chunk) -> Vec<RowFault> {
+    faults_of(chunk, &chunk.receivers.rows, chunk.receivers.places.len())
+}
+
+fn faults_of(chunk: &Chunk, rows: &ChunkRows, expected: usize) -> Vec<RowFault> {
     let count = rows.row_count() as u32;
-    if !structure::starts_fit(rows) || rows.row_count() != chunk.patches.len() {
+    if !structure::starts_fit(rows) || rows.row_count() != expected {
         return vec![RowFault { row: count, kind: RowFaultKind::Shape }];
     }
     if rows.absorbed_shares.len() != rows.row_count() {
@@ -142,6 +151,7 @@ mod tests {
             id,
             patches: vec![patch; 2],
             points: vec![SamplePoint { position: Vec3::ZERO, normal: Vec3::Y }],
+            receivers: earthshine_world::Receivers::default(),
             rows: ChunkRows {
                 segments: vec![id],
                 row_starts: vec![0, 2, 3],

@@ -45,7 +45,7 @@ pub use encode::{EncodeOptions, encode};
 pub use error::TileError;
 pub use fault::{FaultPlan, FaultyStore};
 pub use format::{Frame, TileHeader, tile_file_name, tile_hash};
-pub use invariant::{RowFault, RowFaultKind, check_rows, check_targets};
+pub use invariant::{RowFault, RowFaultKind, check_receivers, check_rows, check_targets};
 pub use manifest::{ChunkEntry, Manifest};
 pub use measure::{TileFigures, measure};
 pub use method::{BakeMethod, PatchBuilder, RaySpread, RowEstimator, SampleSource};

@@ -1,15 +1,15 @@
 //! What a file may ask for. Checked before memory is taken, so that a hostile file costs
-//! at most about a GiB for the moment of its decoding.
+//! at most about two GiB for the moment of its decoding.
 
 use earthshine_world::Chunk;
 
-/// Patches in a tile: locals are `u16`.
+/// Patches in a tile, and receivers: locals are `u16`.
 pub const PATCHES_MAX: u32 = Chunk::PATCHES_MAX as u32;
 /// Sample points in a tile: 64 a patch, for four times the bake's default.
 pub const POINTS_MAX: u32 = 1 << 22;
 /// Chunks that one tile's columns may point into: segments are `u16`.
 pub const SEGMENTS_MAX: u32 = 1 << 16;
-/// Form factors in a tile: 1,024 for each of the most patches; 512 MiB decoded.
+/// Form factors in a tile, and receivers' once more: 1,024 for each of the most patches; 512 MiB decoded.
 pub const NONZEROS_MAX: u64 = 1 << 26;
 /// Form factors in a row. Rows have one a ray, and the transposed ones: thousands.
 pub const ROW_NONZEROS_MAX: u32 = 1 << 16;

@@ -56,6 +56,10 @@ pub struct ChunkEntry {
     pub patch_count: u32,
     /// Form factors in it.
     pub nonzero_count: u64,
+    /// Receivers in it.
+    pub receiver_count: u32,
+    /// Form factors of its receivers.
+    pub receiver_nonzero_count: u64,
 }
 
 impl ChunkEntry {
@@ -114,7 +118,7 @@ impl Manifest {
         let summary = |entry: &ChunkEntry| ChunkSummary {
             id: entry.id(),
             patch_count: entry.patch_count,
-            nonzero_count: entry.nonzero_count,
+            nonzero_count: entry.nonzero_count.saturating_add(entry.receiver_nonzero_count),
             tile_bytes: entry.tile_bytes,
         };
         WorldIndex {
@@ -157,7 +161,11 @@ impl ChunkEntry {
             Some(format!("its level is above {}", limits::LEVEL_MAX))
         } else if self.patch_count > limits::PATCHES_MAX {
             Some(format!("it has more than {} patches", limits::PATCHES_MAX))
-        } else if self.nonzero_count > limits::NONZEROS_MAX || self.tile_bytes > limits::TILE_BYTES_MAX {
+        } else if self.receiver_count > limits::PATCHES_MAX {
+            Some(format!("it has more than {} receivers", limits::PATCHES_MAX))
+        } else if self.nonzero_count.max(self.receiver_nonzero_count) > limits::NONZEROS_MAX
+            || self.tile_bytes > limits::TILE_BYTES_MAX
+        {
             Some("it is larger than a tile can be".to_owned())
         } else if !stays_inside(&self.file) {
             Some(format!("the file name {:?} leads out of the world's folder", self.file))

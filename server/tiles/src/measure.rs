@@ -25,7 +25,7 @@ pub struct TileFigures {
     pub bytes_per_nonzero: f64,
     /// Row frames verified and decoded on one core, million non-zeros a second.
     pub decode_mnz_s_core: f64,
-    /// Whole tiles, with their points, patches and occluders, verified and decoded on one core,
+    /// Whole tiles, with their points, patches, receivers and occluders, verified and decoded on one core,
     /// million non-zeros a second.
     pub tile_decode_mnz_s_core: f64,
     /// Whole chunks encoded on one core, million non-zeros a second.
@@ -34,8 +34,12 @@ pub struct TileFigures {
     pub ratio: f64,
     /// Form factors in the whole world.
     pub nonzeros: u64,
-    /// All tiles of the world together, patches, points and occluders included.
+    /// All tiles of the world together, patches, points, receivers and occluders included.
     pub tile_bytes: u64,
+    /// Form factors of receivers in the whole world.
+    pub receiver_nonzeros: u64,
+    /// Compressed bytes of everything about receivers.
+    pub receiver_bytes: u64,
 }
 
 /// Measures the tiles of the world in the folder `world`, for about `seconds` of one core's time, files in memory.
@@ -58,12 +62,12 @@ pub fn measure(world: &Path, seconds: f64) -> Result<TileFigures, TileError> {
     })?;
     figures.tile_decode_mnz_s_core = sample.rate(budget, |index| {
         let (path, bytes) = &sample.tiles[index];
-        decode_bytes(bytes, path).map(|chunk| chunk.rows.columns.len() as u64)
+        decode_bytes(bytes, path).map(|chunk| nonzeros(&chunk))
     })?;
     let mut options = EncodeOptions::new(store.manifest().world_hash);
     options.codec = sample.codec;
     figures.encode_mnz_s_core = sample.rate(budget, |index| {
-        encode(&sample.chunks[index], &options).map(|_| sample.chunks[index].rows.columns.len() as u64)
+        encode(&sample.chunks[index], &options).map(|_| nonzeros(&sample.chunks[index]))
     })?;
     Ok(figures)
 }
@@ -76,7 +80,15 @@ fn measure_sizes(store: &DirStore) -> Result<TileFigures, TileError> {
         let row_sections = tile.sections().filter(|(frame, _)| matches!(frame, Frame::Rows(_)));
         row_bytes += row_sections.map(|(_, section)| u64::from(section.stored_bytes)).sum::<u64>();
         plain_bytes += entry.nonzero_count * 8 + u64::from(entry.patch_count) * 32;
+        figures.receiver_bytes += tile
+            .sections()
+            .filter(|(frame, _)| {
+                matches!(frame, Frame::Receivers | Frame::ReceiverSegments | Frame::ReceiverRows(_))
+            })
+            .map(|(_, section)| u64::from(section.stored_bytes))
+            .sum::<u64>();
         figures.nonzeros += entry.nonzero_count;
+        figures.receiver_nonzeros += entry.receiver_nonzero_count;
         figures.tile_bytes += entry.tile_bytes;
     }
     if figures.nonzeros > 0 {
@@ -84,6 +96,10 @@ fn measure_sizes(store: &DirStore) -> Result<TileFigures, TileError> {
         figures.ratio = plain_bytes as f64 / row_bytes as f64;
     }
     Ok(figures)
+}
+
+fn nonzeros(chunk: &Chunk) -> u64 {
+    (chunk.rows.columns.len() + chunk.receivers.rows.columns.len()) as u64
 }
 
 /// Tiles in memory, encoded and decoded.

@@ -25,6 +25,12 @@ pub struct BakeParameters {
     pub two_sided: bool,
     /// Whether metals are black instead of diffuse.
     pub metals_black: bool,
+    /// Empty voxels within this many voxels of a patch get receivers; 0 for none anywhere.
+    pub receiver_reach_voxels: u32,
+    /// Rays over the whole sphere that a voxel's receivers share.
+    pub receiver_rays: u32,
+    /// Most columns of a receiver's row; the rest of its share goes to a fair choice of them.
+    pub receiver_columns: u32,
     /// Voxels and chunks of level 0.
     pub grid: Grid,
     /// By which methods. Worlds from before there was a choice were made by the default ones.
@@ -43,6 +49,9 @@ impl Default for BakeParameters {
             weights: AxisWeights::Squared,
             two_sided: true,
             metals_black: false,
+            receiver_reach_voxels: 4,
+            receiver_rays: 512,
+            receiver_columns: 48,
             grid: Grid { voxel_edge_m: 1.0, chunk_edge_voxels: 16 },
             method: BakeMethod::default(),
         }
@@ -63,11 +72,22 @@ impl BakeParameters {
             weights,
             two_sided,
             metals_black,
+            receiver_reach_voxels,
+            receiver_rays,
+            receiver_columns,
             grid: Grid { voxel_edge_m, chunk_edge_voxels },
             method,
         } = *self;
-        let counts =
-            [rays_per_patch, points_per_patch, samples_per_voxel_face, buried_rays, chunk_edge_voxels];
+        let counts = [
+            rays_per_patch,
+            points_per_patch,
+            samples_per_voxel_face,
+            buried_rays,
+            receiver_reach_voxels,
+            receiver_rays,
+            receiver_columns,
+            chunk_edge_voxels,
+        ];
         checksum::hash_parts(&[
             &seed.to_le_bytes(),
             bytemuck::cast_slice(&counts),
@@ -113,6 +133,9 @@ mod tests {
             BakeParameters { weights: AxisWeights::Absolute, ..base },
             BakeParameters { two_sided: false, ..base },
             BakeParameters { metals_black: true, ..base },
+            BakeParameters { receiver_reach_voxels: 2, ..base },
+            BakeParameters { receiver_rays: 2, ..base },
+            BakeParameters { receiver_columns: 2, ..base },
             BakeParameters { grid: finer, ..base },
             BakeParameters { grid: smaller, ..base },
             BakeParameters { method: BakeMethod { rays_min: 8, ..base.method }, ..base },
@@ -122,6 +145,6 @@ mod tests {
         .collect();
         hashes.sort_unstable();
         hashes.dedup();
-        assert_eq!(hashes.len(), 12);
+        assert_eq!(hashes.len(), 15);
     }
 }

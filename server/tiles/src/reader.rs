@@ -2,11 +2,11 @@
 
 use crate::checksum;
 use crate::codec::zstd_frame::Unpacker;
-use crate::codec::{Decoded, RowCodec, occluders, patches, points, row_decode::RowSink, segments};
+use crate::codec::{Decoded, RowCodec, occluders, patches, points, receivers, row_decode::RowSink, segments};
 use crate::error::TileError;
 use crate::format::{Frame, SectionEntry, TileHeader};
 use crate::{limits, structure};
-use earthshine_world::{Chunk, ChunkId, ChunkRows, OccluderMesh, Patch, SamplePoint};
+use earthshine_world::{Chunk, ChunkId, ChunkRows, OccluderMesh, Patch, Receivers, SamplePoint};
 use std::fs::File;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -23,7 +23,7 @@ pub fn decode_bytes(bytes: &[u8], path_for_messages: &Path) -> Result<Chunk, Til
 /// Verifies and decodes all rows of the tile `bytes`, and nothing else: what the bench measures.
 pub(crate) fn decode_rows_of_bytes(bytes: &[u8], path: &Path) -> Result<ChunkRows, TileError> {
     let layout = Layout::parse(bytes, path)?;
-    View { bytes, path, layout: &layout }.rows(0..u32::MAX, None, &mut Unpacker::new())
+    View { bytes, path, layout: &layout }.rows(RowsOf::Patches, 0..u32::MAX, None, &mut Unpacker::new())
 }
 
 /// How many patches a chunk has; `None` if there is no such chunk.
@@ -120,7 +120,15 @@ impl MappedTile {
     /// # Errors
     /// If one of their frames is damaged or malformed.
     pub fn decode_rows(&self, groups: Range<u32>) -> Result<ChunkRows, TileError> {
-        self.view()?.rows(groups, None, &mut Unpacker::new())
+        self.view()?.rows(RowsOf::Patches, groups, None, &mut Unpacker::new())
+    }
+
+    /// Verifies and decodes the receivers only.
+    ///
+    /// # Errors
+    /// If one of their frames is damaged or malformed.
+    pub fn decode_receivers(&self) -> Result<Receivers, TileError> {
+        self.view()?.receivers(None, &mut Unpacker::new())
     }
 
     /// Verifies and decodes the occluders only.
@@ -175,14 +183,14 @@ impl Layout {
     }
 
     pub(crate) fn frames(&self) -> impl Iterator<Item = Frame> + use<> {
-        Frame::in_order(self.header.group_count())
+        Frame::in_order(self.header.groups())
     }
 
     /// Kinds in order, frames end to end up to the end of the file, sizes as the counts demand.
     fn check_table(&self) -> Decoded<()> {
         let header = &self.header;
         let mut offset = header.frames_offset();
-        let mut row_bytes = 0u64;
+        let (mut row_bytes, mut receiver_row_bytes) = (0u64, 0u64);
         for (frame, entry) in self.frames().zip(&self.sections) {
             if (entry.kind, entry.group) != frame.numbers() || entry.offset != offset {
                 return Err(format!("the {frame} is not where it should be"));
@@ -198,6 +206,14 @@ impl Layout {
                     row_bytes += raw_bytes;
                     raw_bytes <= limits::GROUP_RAW_BYTES_MAX
                 }
+                Frame::Receivers => {
+                    raw_bytes == u64::from(header.receiver_count) * receivers::RECORD_BYTES as u64
+                }
+                Frame::ReceiverSegments => raw_bytes == u64::from(header.receiver_segment_count) * 16,
+                Frame::ReceiverRows(_) => {
+                    receiver_row_bytes += raw_bytes;
+                    raw_bytes <= limits::GROUP_RAW_BYTES_MAX
+                }
                 Frame::Occluders => {
                     raw_bytes == occluders::raw_bytes(header.vertex_count, header.triangle_count)
                 }
@@ -209,11 +225,55 @@ impl Layout {
         if offset != header.file_bytes {
             return Err(format!("the frames end at {offset} of {} bytes", header.file_bytes));
         }
-        let least = header.nonzero_count * (1 + self.codec.share_bytes() as u64);
-        if row_bytes < least {
-            return Err(format!("{} non-zeros in {row_bytes} bytes", header.nonzero_count));
+        let least = 1 + self.codec.share_bytes() as u64;
+        let counted =
+            [(header.nonzero_count, row_bytes), (header.receiver_nonzero_count, receiver_row_bytes)];
+        match counted.into_iter().find(|&(nonzeros, bytes)| bytes < nonzeros * least) {
+            Some((nonzeros, bytes)) => Err(format!("{nonzeros} non-zeros in {bytes} bytes")),
+            None => Ok(()),
         }
-        Ok(())
+    }
+}
+
+/// Which of a tile's two sets of rows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum RowsOf {
+    Patches,
+    Receivers,
+}
+
+impl RowsOf {
+    /// Rows, form factors and groups.
+    fn counts(self, header: &TileHeader) -> (u32, u64, u32) {
+        let groups = header.groups();
+        match self {
+            Self::Patches => (header.patch_count, header.nonzero_count, groups.patches),
+            Self::Receivers => (header.receiver_count, header.receiver_nonzero_count, groups.receivers),
+        }
+    }
+
+    fn segments(self) -> Frame {
+        match self {
+            Self::Patches => Frame::Segments,
+            Self::Receivers => Frame::ReceiverSegments,
+        }
+    }
+
+    fn group(self, group: u32) -> Frame {
+        match self {
+            Self::Patches => Frame::Rows(group),
+            Self::Receivers => Frame::ReceiverRows(group),
+        }
+    }
+
+    /// Undoes [`Self::group`].
+    fn group_of(self, frame: Frame) -> Option<u32> {
+        match (self, frame) {
+            (Self::Patches, Frame::Rows(group)) | (Self::Receivers, Frame::ReceiverRows(group)) => {
+                Some(group)
+            }
+            _ => None,
+        }
     }
 }
 
@@ -231,9 +291,12 @@ impl View<'_> {
             id: self.layout.header.chunk_id(),
             patches: self.patches(unpacker)?,
             points: self.points(unpacker)?,
-            rows: self.rows(0..u32::MAX, patch_counts, unpacker)?,
+            rows: self.rows(RowsOf::Patches, 0..u32::MAX, patch_counts, unpacker)?,
+            receivers: self.receivers(patch_counts, unpacker)?,
             occluders: self.occluders(unpacker)?,
         };
+        structure::check_apart(&chunk.patches, &chunk.receivers.places)
+            .map_err(TileError::structure(self.path, Frame::Receivers))?;
         Ok(chunk)
     }
 
@@ -255,16 +318,29 @@ impl View<'_> {
         self.frame(Frame::Occluders, unpacker, decode)
     }
 
+    fn receivers(
+        &self,
+        patch_counts: Option<PatchCounts<'_>>,
+        unpacker: &mut Unpacker,
+    ) -> Result<Receivers, TileError> {
+        Ok(Receivers {
+            places: self.frame(Frame::Receivers, unpacker, receivers::decode)?,
+            rows: self.rows(RowsOf::Receivers, 0..u32::MAX, patch_counts, unpacker)?,
+        })
+    }
+
     fn rows(
         &self,
+        of: RowsOf,
         groups: Range<u32>,
         patch_counts: Option<PatchCounts<'_>>,
         unpacker: &mut Unpacker,
     ) -> Result<ChunkRows, TileError> {
         let header = &self.layout.header;
-        let groups = groups.start.min(header.group_count())..groups.end.min(header.group_count());
-        let whole = groups == (0..header.group_count());
-        let segments = self.frame(Frame::Segments, unpacker, segments::decode)?;
+        let (row_total, nonzeros, group_total) = of.counts(header);
+        let groups = groups.start.min(group_total)..groups.end.min(group_total);
+        let whole = groups == (0..group_total);
+        let segments = self.frame(of.segments(), unpacker, segments::decode)?;
         let own = header.chunk_id();
         let counts = segments.iter().map(|&id| match patch_counts {
             _ if id == own => Ok(header.patch_count),
@@ -274,15 +350,15 @@ impl View<'_> {
             None => Ok(limits::PATCHES_MAX),
         });
         let counts = counts.collect::<Decoded<Vec<u32>>>();
-        let counts = counts.map_err(TileError::structure(self.path, Frame::Segments))?;
+        let counts = counts.map_err(TileError::structure(self.path, of.segments()))?;
 
-        let rows_before = |group: u32| (group * limits::ROWS_PER_GROUP).min(header.patch_count);
+        let rows_before = |group: u32| (group * limits::ROWS_PER_GROUP).min(row_total);
         let row_count = (rows_before(groups.end) - rows_before(groups.start.min(groups.end))) as usize;
-        let nonzero_limit = if whole { header.nonzero_count } else { self.nonzeros_at_most(groups.clone()) };
+        let nonzero_limit = if whole { nonzeros } else { self.nonzeros_at_most(of, groups.clone()) };
         let mut sink = RowSink::new(segments, counts, row_count, nonzero_limit as usize);
         for group in groups {
             let rows = rows_before(group + 1) - rows_before(group);
-            self.frame(Frame::Rows(group), unpacker, |raw| sink.push_group(raw, self.layout.codec, rows))?;
+            self.frame(of.group(group), unpacker, |raw| sink.push_group(raw, self.layout.codec, rows))?;
         }
         if whole {
             sink.finish().map_err(TileError::structure(self.path, Frame::Header))
@@ -292,13 +368,12 @@ impl View<'_> {
     }
 
     /// A bound for the non-zeros of `groups` from the sizes that the table gives.
-    fn nonzeros_at_most(&self, groups: Range<u32>) -> u64 {
-        let sections = self.frames_with_entries().filter(|(frame, _)| match frame {
-            Frame::Rows(group) => groups.contains(group),
-            _ => false,
-        });
+    fn nonzeros_at_most(&self, of: RowsOf, groups: Range<u32>) -> u64 {
+        let sections = self
+            .frames_with_entries()
+            .filter(|(frame, _)| of.group_of(*frame).is_some_and(|group| groups.contains(&group)));
         let raw_bytes: u64 = sections.map(|(_, entry)| u64::from(entry.raw_bytes)).sum();
-        (raw_bytes / (1 + self.layout.codec.share_bytes() as u64)).min(self.layout.header.nonzero_count)
+        (raw_bytes / (1 + self.layout.codec.share_bytes() as u64)).min(of.counts(&self.layout.header).1)
     }
 
     pub(crate) fn frames_with_entries(&self) -> impl Iterator<Item = (Frame, &SectionEntry)> {
@@ -314,7 +389,7 @@ impl View<'_> {
     ) -> Result<T, TileError> {
         let structure = || TileError::structure(self.path, frame);
         let entry = frame
-            .place(self.layout.header.group_count())
+            .place(self.layout.header.groups())
             .and_then(|place| self.layout.sections.get(place))
             .ok_or_else(|| structure()("the tile has none".to_owned()))?;
         // The layout's check put all frames inside the file.

@@ -84,6 +84,12 @@ impl DirStore {
             ("tile hash", hex(entry.tile_hash), hex(header.header_hash)),
             ("length", entry.tile_bytes.to_string(), header.file_bytes.to_string()),
             ("number of patches", entry.patch_count.to_string(), header.patch_count.to_string()),
+            ("number of receivers", entry.receiver_count.to_string(), header.receiver_count.to_string()),
+            (
+                "number of receivers' non-zeros",
+                entry.receiver_nonzero_count.to_string(),
+                header.receiver_nonzero_count.to_string(),
+            ),
             ("number of non-zeros", entry.nonzero_count.to_string(), header.nonzero_count.to_string()),
         ];
         match facts.into_iter().find(|(_, expected, found)| expected != found) {

@@ -4,7 +4,7 @@
 //! Row sums and the like are not structure; they are in [`crate::invariant`].
 
 use crate::{codec::Decoded, limits};
-use earthshine_world::{Chunk, ChunkRows, Patch, Vec3};
+use earthshine_world::{Chunk, ChunkRows, Patch, ReceiverPlace, Vec3};
 
 /// Checks all of `chunk`.
 pub(crate) fn check(chunk: &Chunk) -> Decoded<()> {
@@ -12,7 +12,8 @@ pub(crate) fn check(chunk: &Chunk) -> Decoded<()> {
         return Err(format!("{} patches, the limit is {}", chunk.patches.len(), Chunk::PATCHES_MAX));
     }
     check_patches(&chunk.patches, chunk.points.len())?;
-    check_rows(chunk)?;
+    check_rows(chunk, &chunk.rows, chunk.patches.len())?;
+    check_receivers(chunk).map_err(|cause| format!("receivers: {cause}"))?;
     let mesh = &chunk.occluders;
     if mesh.triangles.len() != mesh.surfaces.len() {
         return Err(format!("{} triangles with {} surfaces", mesh.triangles.len(), mesh.surfaces.len()));
@@ -49,11 +50,39 @@ pub(crate) fn check_patches(patches: &[Patch], point_count: usize) -> Decoded<()
     Ok(())
 }
 
-fn check_rows(chunk: &Chunk) -> Decoded<()> {
-    let rows = &chunk.rows;
-    let count = chunk.patches.len();
+/// Checks that no place comes twice.
+pub(crate) fn check_places(places: &[ReceiverPlace]) -> Decoded<()> {
+    if places.is_sorted_by(|a, b| a.order() < b.order()) {
+        Ok(())
+    } else {
+        Err("the receivers do not ascend".to_owned())
+    }
+}
+
+/// Checks that no place of a receiver has a patch.
+pub(crate) fn check_apart(patches: &[Patch], places: &[ReceiverPlace]) -> Decoded<()> {
+    let mut taken: Vec<_> = patches.iter().map(|patch| (patch.voxel.to_array(), patch.direction)).collect();
+    taken.sort_unstable();
+    match places.iter().find(|place| taken.binary_search(&place.order()).is_ok()) {
+        None => Ok(()),
+        Some(place) => Err(format!("{} facing {:?} has a patch", place.voxel, place.direction)),
+    }
+}
+
+fn check_receivers(chunk: &Chunk) -> Decoded<()> {
+    let places = &chunk.receivers.places;
+    if places.len() > Chunk::PATCHES_MAX {
+        return Err(format!("{} of them, the limit is {}", places.len(), Chunk::PATCHES_MAX));
+    }
+    check_places(places)?;
+    check_apart(&chunk.patches, places)?;
+    check_rows(chunk, &chunk.receivers.rows, places.len())
+}
+
+/// Checks `rows`, which should be `count`, of `chunk`.
+fn check_rows(chunk: &Chunk, rows: &ChunkRows, count: usize) -> Decoded<()> {
     if rows.sky_shares.len() != count || rows.absorbed_shares.len() != count {
-        return Err(format!("{} rows for {count} patches", rows.sky_shares.len()));
+        return Err(format!("{} rows for {count} places", rows.sky_shares.len()));
     }
     if !rows.segments.is_sorted_by(|a, b| a < b) {
         return Err("the segments do not ascend".to_owned());
@@ -73,9 +102,10 @@ fn check_rows(chunk: &Chunk) -> Decoded<()> {
         if columns.last().is_some_and(|column| usize::from(column.segment) >= rows.segments.len()) {
             return Err(format!("row {row} points into a segment that does not exist"));
         }
-        let strays = |column: &&earthshine_world::Column| usize::from(column.local) >= count;
+        let patches = chunk.patches.len();
+        let strays = |column: &&earthshine_world::Column| usize::from(column.local) >= patches;
         if let Some(column) = columns.iter().filter(|c| Some(usize::from(c.segment)) == own).find(strays) {
-            return Err(format!("row {row} points at patch {} of its own chunk of {count}", column.local));
+            return Err(format!("row {row} points at patch {} of its own chunk of {patches}", column.local));
         }
     }
     let is_share = |share: &f32| (0.0..=limits::SHARE_MAX).contains(share);

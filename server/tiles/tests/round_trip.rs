@@ -3,8 +3,10 @@
 mod chunks;
 
 use chunks::{options, random_chunk};
-use earthshine_tiles::{MappedTile, RowCodec, TileError, check_rows, decode_bytes, encode, write_atomic};
-use earthshine_world::{Chunk, Column, Vec3};
+use earthshine_tiles::{
+    MappedTile, RowCodec, TileError, check_receivers, check_rows, decode_bytes, encode, write_atomic,
+};
+use earthshine_world::{Chunk, Column, ReceiverPlace, Vec3};
 use std::path::Path;
 
 const SIZES: [(usize, usize); 8] =
@@ -23,8 +25,9 @@ fn the_lossless_codec_is_lossless() {
         assert_eq!(back.id, chunk.id);
         assert_eq!(back.patches, chunk.patches);
         assert_eq!(back.rows, chunk.rows);
+        assert_eq!(back.receivers, chunk.receivers);
         assert_eq!(back.occluders, chunk.occluders);
-        assert_eq!(check_rows(&back), []);
+        assert_eq!((check_rows(&back), check_receivers(&back)), (vec![], vec![]));
     }
 }
 
@@ -46,7 +49,9 @@ fn the_half_codec_keeps_columns_shares_and_sums() {
             let (sum, was) = (back.rows.row_sum(row), chunk.rows.row_sum(row));
             assert!((sum - was).abs() < 4e-4, "{was} came back as {sum}");
         }
-        assert_eq!(check_rows(&back), []);
+        assert_eq!(back.receivers.places, chunk.receivers.places);
+        assert_eq!(back.receivers.rows.columns, chunk.receivers.rows.columns);
+        assert_eq!((check_rows(&back), check_receivers(&back)), (vec![], vec![]));
         let again = round_trip(&back, RowCodec::Half);
         assert_eq!(again, back, "a second round changes nothing");
     }
@@ -86,6 +91,7 @@ fn a_mapped_tile_gives_its_parts() {
     assert_eq!(tile.decode_patches().unwrap(), chunk.patches);
     assert_eq!(tile.decode_points().unwrap(), whole.points);
     assert_eq!(tile.decode_occluders().unwrap(), chunk.occluders);
+    assert_eq!(tile.decode_receivers().unwrap(), chunk.receivers);
     assert_eq!(tile.decode_rows(0..4).unwrap(), chunk.rows);
     let part = tile.decode_rows(2..9).unwrap();
     assert_eq!(part.row_count(), 36);
@@ -95,7 +101,8 @@ fn a_mapped_tile_gives_its_parts() {
     }
     assert_eq!(tile.decode_rows(7..9).unwrap().row_count(), 0);
     let stored: u64 = tile.sections().map(|(_, section)| u64::from(section.stored_bytes)).sum();
-    assert_eq!(stored + 96 + 8 * 32, tile.header().file_bytes);
+    let table = tile.sections().len() as u64 * 32;
+    assert_eq!(stored + 112 + table, tile.header().file_bytes);
 }
 
 #[test]
@@ -112,20 +119,28 @@ fn a_file_cut_under_the_map_is_an_error() {
 #[test]
 fn impossible_chunks_are_refused_by_name() {
     type Change = fn(&mut Chunk);
-    let cases: [(&str, Change); 15] = [
+    let cases: [(&str, Change); 19] = [
         ("patch 3 has sample points", |c| c.patches[3].point_count = 0),
         ("patch 3 has sample points", |c| c.patches[3].point_first = u32::MAX),
         ("patch 4 has no positive area", |c| c.patches[4].area = f32::NAN),
         ("patch 4 has a reflectance", |c| c.patches[4].reflectance = Vec3::splat(1.5)),
         ("patch 4 has an emission", |c| c.patches[4].emission.x = -1.0),
         ("sample point 0 has no usable", |c| c.points[0].normal = Vec3::ZERO),
-        ("rows for 40 patches", |c| c.rows.absorbed_shares.truncate(39)),
+        ("rows for 40 places", |c| c.rows.absorbed_shares.truncate(39)),
         ("row starts", |c| c.rows.row_starts[3] = u32::MAX),
         ("segments do not ascend", |c| c.rows.segments.push(c.id)),
         ("do not ascend", |c| c.rows.columns.fill(Column { segment: 0, local: 0 })),
         ("has the share -1", |c| c.rows.shares[0] = -1.0),
         ("has the share NaN", |c| c.rows.shares[0] = f32::NAN),
         ("sky shares", |c| c.rows.sky_shares[5][0] = f32::INFINITY),
+        ("receivers: the receivers do not ascend", |c| c.receivers.places[1] = c.receivers.places[0]),
+        ("receivers: (", |c| {
+            let patch = c.patches[0];
+            c.receivers.places[0] = ReceiverPlace { voxel: patch.voxel, direction: patch.direction };
+            c.receivers.places.sort_by_key(ReceiverPlace::order);
+        }),
+        ("receivers: ", |c| c.receivers.rows.shares[0] = 3.0),
+        ("receivers: ", |c| c.receivers.places.truncate(2)),
         ("triangles with", |c| c.occluders.surfaces.push([0; 4])),
         ("a vertex that does not exist", |c| {
             c.occluders.triangles.push([999; 3]);

@@ -1,6 +1,6 @@
 //! One chunk of the world, whole: what a decoded tile holds.
 
-use crate::{ChunkId, ChunkRows, Patch, SamplePoint};
+use crate::{ChunkId, ChunkRows, Patch, Receivers, SamplePoint};
 use glam::Vec3;
 
 /// Triangles that cast shadows, and what a viewer shows before any light arrives.
@@ -25,6 +25,8 @@ pub struct Chunk {
     pub points: Vec<SamplePoint>,
     /// One row a patch.
     pub rows: ChunkRows,
+    /// Rows in the chunk's empty air.
+    pub receivers: Receivers,
     /// Shadow casters.
     pub occluders: OccluderMesh,
 }

@@ -9,7 +9,7 @@ pub struct ChunkSummary {
     pub id: ChunkId,
     /// Patches in it.
     pub patch_count: u32,
-    /// Form factors in it.
+    /// Form factors in it, receivers' included.
     pub nonzero_count: u64,
     /// Size of its tile on disk.
     pub tile_bytes: u64,

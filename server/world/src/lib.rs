@@ -11,6 +11,7 @@
 //! | [`grid`] | voxels, chunks and where a point lies |
 //! | [`patch`] | patches, their identity and their sample points |
 //! | [`rows`] | form-factor rows: resident or far columns, sky, absorbed |
+//! | [`receivers`] | rows without columns: light in empty air |
 //! | [`chunk`] | one chunk, whole |
 //! | [`index`] | what a world holds, before any tile is read |
 //! | [`light`] | sun, lamps, sky |
@@ -25,6 +26,7 @@ pub mod index;
 pub mod light;
 pub mod patch;
 pub mod random;
+pub mod receivers;
 pub mod rows;
 
 pub use camera::Camera;
@@ -35,6 +37,7 @@ pub use grid::{Bounds, ChunkCoord, ChunkId, Grid, VoxelCoord};
 pub use index::{ChunkSummary, WorldIndex};
 pub use light::{Light, LightRig, Sky};
 pub use patch::{Patch, PatchId, SamplePoint};
+pub use receivers::{ReceiverPlace, Receivers};
 pub use rows::{ChunkRows, Column, RowParts};
 
 /// Linear RGB: reflectance, exitance, irradiance or radiance, as the name beside it says.

@@ -24,6 +24,8 @@ pub enum Purpose {
     SunDisc = 8,
     /// Camera paths and faults of simulations.
     Simulation = 9,
+    /// Rays of receivers' rows, and which of their columns stay.
+    ReceiverRay = 10,
 }
 
 /// 64 well-mixed bits of (seed, purpose, a, b). The finaliser of `SplitMix64`, once a word.

@@ -6,6 +6,10 @@
 
 // How far a point reads in front of its surface, in voxels.
 const NORMAL_OFFSET_VOXELS: f32 = 0.25;
+// Patches of this weight among the eight voxels leave nothing to receivers.
+const SURFACE_WEIGHT: f32 = 0.25;
+// Light is at least this share of what the three directions that a point faces add up to.
+const AIR_FLOOR: f32 = 0.75;
 // Weights below it are nothing.
 const WEIGHT_MIN: f32 = 1e-6;
 
@@ -17,7 +21,7 @@ struct VolumeLayout {
 }                           // 32
 
 struct VoxelBlock {
-    present: u32,                 //  0  bit a: direction a has a patch
+    present: u32,                 //  0  bit a: direction a has light; bit 8 + a: it is the air's (a receiver's)
     irradiance: array<u32, 6>,    //  4  RGB9E5, lx, in the order +X -X +Y -Y +Z -Z
 }                                 // 28
 
@@ -46,7 +50,9 @@ fn lookup_irradiance(position: vec3<f32>, normal: vec3<f32>) -> vec4<f32> {
     let local = position / volume_layout.voxel_edge_m + NORMAL_OFFSET_VOXELS * normal - 0.5;
     let low = floor(local);
     let fraction = local - low;
-    var sums = array<vec4<f32>, 3>(vec4<f32>(0.0), vec4<f32>(0.0), vec4<f32>(0.0));
+    // Light times weight, and weight, by direction.
+    var surfaces = array<vec4<f32>, 6>();
+    var airs = array<vec4<f32>, 6>();
     for (var corner = 0u; corner < 8u; corner++) {
         let step = vec3<u32>(corner & 1u, (corner >> 1u) & 1u, corner >> 2u);
         let place = place_of(vec3<i32>(low) + vec3<i32>(step));
@@ -55,22 +61,40 @@ fn lookup_irradiance(position: vec3<f32>, normal: vec3<f32>) -> vec4<f32> {
         }
         let along = select(1.0 - fraction, fraction, step == vec3<u32>(1u));
         let weight = along.x * along.y * along.z;
-        for (var axis = 0u; axis < 3u; axis++) {
-            let direction = axis * 2u + select(0u, 1u, normal[axis] < 0.0);
-            if ((volume_blocks[place - 1u].present >> direction) & 1u) == 1u {
-                let light = decode_rgb9e5(volume_blocks[place - 1u].irradiance[direction]);
-                sums[axis] += vec4<f32>(light, 1.0) * weight;
+        let present = volume_blocks[place - 1u].present;
+        for (var direction = 0u; direction < 6u; direction++) {
+            if ((present >> direction) & 1u) == 1u {
+                let light = vec4<f32>(decode_rgb9e5(volume_blocks[place - 1u].irradiance[direction]), 1.0) * weight;
+                if ((present >> (direction + 8u)) & 1u) == 1u {
+                    airs[direction] += light;
+                } else {
+                    surfaces[direction] += light;
+                }
             }
         }
     }
     var total = vec4<f32>(0.0);
+    var slope = vec3<f32>(0.0);
     for (var axis = 0u; axis < 3u; axis++) {
-        if sums[axis].w > WEIGHT_MIN {
-            total += vec4<f32>(sums[axis].xyz / sums[axis].w, 1.0) * (normal[axis] * normal[axis]);
+        let facing = axis * 2u + select(0u, 1u, normal[axis] < 0.0);
+        let air = airs[facing];
+        let behind = airs[facing ^ 1u];
+        // What surfaces leave to the air.
+        let room = max(0.0, 1.0 - surfaces[facing].w / SURFACE_WEIGHT);
+        let both = surfaces[facing] + room * air;
+        if both.w <= WEIGHT_MIN {
+            continue;
+        }
+        let along = abs(normal[axis]);
+        total += vec4<f32>(both.xyz / both.w, 1.0) * (along * along);
+        if air.w > WEIGHT_MIN && behind.w > WEIGHT_MIN {
+            let share = room * air.w / both.w * behind.w;
+            slope += along * (1.0 - along) * 0.5 * share * (air.xyz / air.w - behind.xyz / behind.w);
         }
     }
     if total.w <= WEIGHT_MIN {
         return vec4<f32>(0.0);
     }
-    return vec4<f32>(total.xyz / total.w, 1.0);
+    let light = total.xyz / total.w;
+    return vec4<f32>(max(light + slope / total.w, AIR_FLOOR * light), 1.0);
 }

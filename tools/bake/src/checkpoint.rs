@@ -57,6 +57,12 @@ impl Checkpoints {
         }
     }
 
+    /// Those of receivers' rows, beside those of patches.
+    #[must_use]
+    pub fn of_receivers(&self) -> Self {
+        Self { folder: self.folder.join("receivers") }
+    }
+
     fn path(&self, [x, y, z]: [i32; 3]) -> PathBuf {
         self.folder.join(format!("{x}_{y}_{z}.rows"))
     }

@@ -3,11 +3,12 @@
 use crate::BakeError;
 use crate::clip::{Polygon, clip_to_grid};
 use crate::patches::PatchSet;
+use crate::receivers::ReceiverSet;
 use crate::rows::RawRow;
 use crate::sample::SurfaceSample;
 use earthshine_scene::Scene;
 use earthshine_tiles::BakeParameters;
-use earthshine_world::{Chunk, ChunkId, ChunkRows, Column, Grid, OccluderMesh, SamplePoint, Vec3};
+use earthshine_world::{Chunk, ChunkId, ChunkRows, Column, Grid, OccluderMesh, Receivers, SamplePoint, Vec3};
 use glam::IVec3;
 use std::collections::BTreeMap;
 
@@ -20,6 +21,8 @@ pub struct Emitter<'a> {
     pub set: &'a PatchSet,
     /// One a patch, balanced.
     pub rows: &'a [RawRow],
+    /// All receivers.
+    pub receivers: &'a ReceiverSet,
     /// Occluders by chunk.
     pub occluders: &'a BTreeMap<[i32; 3], OccluderMesh>,
     /// Of the bake.
@@ -27,10 +30,11 @@ pub struct Emitter<'a> {
 }
 
 impl Emitter<'_> {
-    /// Every chunk that has patches or occluders, ascending.
+    /// Every chunk that has patches, receivers or occluders, ascending.
     #[must_use]
     pub fn chunk_coords(&self) -> Vec<[i32; 3]> {
-        let mut coords: Vec<_> = self.set.chunks.keys().chain(self.occluders.keys()).copied().collect();
+        let keys = self.set.chunks.keys().chain(self.receivers.keys()).chain(self.occluders.keys());
+        let mut coords: Vec<_> = keys.copied().collect();
         coords.sort_unstable();
         coords.dedup();
         coords
@@ -66,20 +70,27 @@ impl Emitter<'_> {
             id: ChunkId::new(0, IVec3::from(coord)),
             patches,
             points,
-            rows: self.local_rows(range),
+            rows: self.local_rows(&self.rows[range.start as usize..range.end as usize]),
+            receivers: self.receivers_of(coord),
             occluders: self.occluders.get(&coord).cloned().unwrap_or_default(),
         })
     }
 
-    /// Rows of the patches in `range` with columns as (segment, local).
-    fn local_rows(&self, range: std::ops::Range<u32>) -> ChunkRows {
-        let rows = &self.rows[range.start as usize..range.end as usize];
+    fn receivers_of(&self, coord: [i32; 3]) -> Receivers {
+        let Some(receivers) = self.receivers.get(&coord) else { return Receivers::default() };
+        let rows: Vec<&RawRow> = receivers.iter().map(|receiver| &receiver.row).collect();
+        let places = receivers.iter().map(|receiver| receiver.place).collect();
+        Receivers { places, rows: self.local_rows(&rows) }
+    }
+
+    /// `rows` with columns as (segment, local).
+    fn local_rows<R: std::borrow::Borrow<RawRow>>(&self, rows: &[R]) -> ChunkRows {
         let chunk_of = |patch: u32| self.grid().chunk_of(self.set.patches[patch as usize].patch.voxel);
         let mut targets: Vec<[i32; 3]> = Vec::new();
         for row in rows {
             // Entries are ascending by patch and patches by chunk: only changes need a look.
             let mut last = None;
-            for &(patch, _) in &row.entries {
+            for &(patch, _) in &row.borrow().entries {
                 let chunk = chunk_of(patch).to_array();
                 if last != Some(chunk) {
                     targets.push(chunk);
@@ -95,7 +106,7 @@ impl Emitter<'_> {
             ..ChunkRows::default()
         };
         for row in rows {
-            self.push_row(&mut local, &targets, row);
+            self.push_row(&mut local, &targets, row.borrow());
         }
         local
     }

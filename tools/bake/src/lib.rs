@@ -8,7 +8,8 @@
 //! 3. [`patches`]: what faces one direction in one voxel becomes a patch (or what [`clusters`] says);
 //! 4. [`rows`]: cosine-weighted rays from each patch; what they hit is its row (or [`point_rows`]: sums over points);
 //! 5. [`reciprocity`]: both estimates of each pair become one, and rows sum to one again;
-//! 6. [`emit`]: chunks become tiles, the manifest is written last.
+//! 6. [`receivers`]: rows in the empty air near patches;
+//! 7. [`emit`]: chunks become tiles, the manifest is written last.
 //!
 //! [`builder`] chooses among samples and patches, [`estimator`] among rows; `BUILDERS.md` compares them.
 //!
@@ -32,6 +33,8 @@ pub mod patches;
 pub mod places;
 pub mod point_rows;
 mod progress;
+mod receiver_places;
+pub mod receivers;
 pub mod reciprocity;
 pub mod rows;
 pub mod sample;

@@ -13,14 +13,23 @@ pub enum Stage {
     Rows,
     /// Averaging and balancing rows; counted in rows.
     Reciprocity,
+    /// Tracing receivers; counted in rays.
+    Receivers,
     /// Encoding and writing tiles; counted in tiles.
     Tiles,
 }
 
 impl Stage {
     /// All stages, in order.
-    pub const ALL: [Self; 6] =
-        [Self::Tree, Self::Sample, Self::Exposure, Self::Rows, Self::Reciprocity, Self::Tiles];
+    pub const ALL: [Self; 7] = [
+        Self::Tree,
+        Self::Sample,
+        Self::Exposure,
+        Self::Rows,
+        Self::Reciprocity,
+        Self::Receivers,
+        Self::Tiles,
+    ];
 
     /// Lower-case name, as in summaries.
     #[must_use]
@@ -31,6 +40,7 @@ impl Stage {
             Self::Exposure => "exposure",
             Self::Rows => "rows",
             Self::Reciprocity => "reciprocity",
+            Self::Receivers => "receivers",
             Self::Tiles => "tiles",
         }
     }
@@ -42,7 +52,7 @@ impl Stage {
             Self::Tree => "triangles",
             Self::Sample => "places",
             Self::Exposure => "points",
-            Self::Rows => "rays",
+            Self::Rows | Self::Receivers => "rays",
             Self::Reciprocity => "rows",
             Self::Tiles => "tiles",
         }

@@ -66,13 +66,18 @@ impl RowCaster<'_> {
             let sample = &self.samples[source.sample_at((place as f32 + 0.5) * share) as usize];
             let direction = cosine_direction(sample.normal, u, v);
             let origin = sample.position + sample.normal * off_surface_m;
-            match self.tracer.closest(origin, direction, 0.0, f32::INFINITY) {
-                None => add_sky(&mut row.sky, direction, share),
-                Some(hit) => row.add_hit(self.owners(&hit, origin + direction * hit.distance), share),
-            }
+            row.add(&self.end(origin, direction), direction, share);
         }
         row.merge();
         row
+    }
+
+    /// Where the ray from `origin` along unit `direction` ends. The one rule for patches' rows and receivers'.
+    pub(crate) fn end(&self, origin: Vec3, direction: Vec3) -> RayEnd {
+        match self.tracer.closest(origin, direction, 0.0, f32::INFINITY) {
+            None => RayEnd::Sky,
+            Some(hit) => RayEnd::Surface(self.owners(&hit, origin + direction * hit.distance)),
+        }
     }
 
     /// Whose `hit` at `position` is.
@@ -83,7 +88,44 @@ impl RowCaster<'_> {
     }
 }
 
+/// Where a ray ends, in terms of patches.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum RayEnd {
+    /// Out in the sky.
+    Sky,
+    /// On a surface; `None` where its voxel's patches left it out.
+    Surface(Option<Owners>),
+}
+
+impl RayEnd {
+    /// The share of it that no patch takes.
+    pub(crate) fn absorbed_share(&self) -> f32 {
+        match self {
+            Self::Sky => 0.0,
+            Self::Surface(None) => 1.0,
+            Self::Surface(Some(owners)) => {
+                owners.iter().filter(|owner| owner.0 == PatchSet::NONE).map(|owner| owner.1).sum()
+            }
+        }
+    }
+}
+
 impl RawRow {
+    /// Adds the end of a ray along `direction` that stands for `share`.
+    pub(crate) fn add(&mut self, end: &RayEnd, direction: Vec3, share: f32) {
+        match *end {
+            RayEnd::Sky => add_sky(&mut self.sky, direction, share),
+            RayEnd::Surface(owners) => self.add_hit(owners, share),
+        }
+    }
+
+    /// Multiplies all shares.
+    pub(crate) fn scale(&mut self, factor: f32) {
+        self.entries.iter_mut().for_each(|(_, share)| *share *= factor);
+        self.sky.iter_mut().for_each(|share| *share *= factor);
+        self.absorbed *= factor;
+    }
+
     fn add_hit(&mut self, owners: Option<Owners>, share: f32) {
         let Some(owners) = owners else {
             self.absorbed += share;

@@ -6,6 +6,7 @@ use crate::emit::{Emitter, occluders_by_chunk};
 use crate::estimator::Estimator;
 use crate::exposure::Exposure;
 use crate::progress::{Progress, Stage};
+use crate::receivers::ReceiverBake;
 use crate::rows::{RawRow, RowCaster};
 use crate::sample::SurfaceSample;
 use crate::{BakeError, BakeSummary, identity, reciprocity};
@@ -85,8 +86,17 @@ pub fn bake(
     let areas: Vec<f32> = set.patches.iter().map(|p| p.patch.area).collect();
     clock.summary.balance = reciprocity::enforce(&mut rows, &areas);
     clock.end(Stage::Reciprocity);
+    let receivers = ReceiverBake { caster }.run(&checkpoints, clock.summary, progress)?;
+    clock.end(Stage::Receivers);
     let occluders = occluders_by_chunk(scene, parameters.grid);
-    let emitter = Emitter { samples: &samples, set: &set, rows: &rows, occluders: &occluders, parameters };
+    let emitter = Emitter {
+        samples: &samples,
+        set: &set,
+        rows: &rows,
+        receivers: &receivers,
+        occluders: &occluders,
+        parameters,
+    };
     let chunks = written(&emitter, world, world_hash, options, progress)?;
     let manifest = manifest(scene, world_hash, options, chunks);
     manifest.save(world)?;
@@ -135,7 +145,19 @@ fn check(parameters: &BakeParameters) -> Result<(), BakeError> {
     if let Some((name, cause)) = parameters.method.fault() {
         return Err(BakeError::Parameter { name, value: format!("{:?}", parameters.method), cause });
     }
-    Ok(())
+    check_receivers(parameters)
+}
+
+fn check_receivers(parameters: &BakeParameters) -> Result<(), BakeError> {
+    let bounded = [
+        ("receivers", parameters.receiver_reach_voxels, 0..=8, "must be 0 to 8 voxels"),
+        ("rays of receivers", parameters.receiver_rays, 64..=1 << 16, "must be 64 to 65,536"),
+        ("columns of receivers", parameters.receiver_columns, 4..=1 << 12, "must be 4 to 4,096"),
+    ];
+    match bounded.into_iter().find(|(_, value, range, _)| !range.contains(value)) {
+        None => Ok(()),
+        Some((name, value, _, cause)) => Err(BakeError::Parameter { name, value: value.to_string(), cause }),
+    }
 }
 
 /// Most samples of a bake: about 10 GiB.
@@ -269,6 +291,8 @@ fn describe(chunk: &Chunk, bytes: &[u8], world_hash: u64) -> ChunkEntry {
         input_hash: world_hash,
         patch_count: chunk.patches.len() as u32,
         nonzero_count: chunk.rows.columns.len() as u64,
+        receiver_count: chunk.receivers.places.len() as u32,
+        receiver_nonzero_count: chunk.receivers.rows.columns.len() as u64,
     }
 }
 
@@ -303,6 +327,8 @@ fn remove_unlisted(world: &Path, manifest: &Manifest) -> Result<(), BakeError> {
 fn count(summary: &mut BakeSummary, manifest: &Manifest, started: Instant) {
     summary.patches = manifest.chunks.iter().map(|c| u64::from(c.patch_count)).sum();
     summary.nonzeros = manifest.chunks.iter().map(|c| c.nonzero_count).sum();
+    summary.receivers = manifest.chunks.iter().map(|c| u64::from(c.receiver_count)).sum();
+    summary.receiver_nonzeros = manifest.chunks.iter().map(|c| c.receiver_nonzero_count).sum();
     summary.chunks = manifest.chunks.len() as u64;
     summary.world_bytes = manifest.chunks.iter().map(|c| c.tile_bytes).sum();
     summary.tile_bytes_per_nonzero = summary.world_bytes as f64 / summary.nonzeros.max(1) as f64;

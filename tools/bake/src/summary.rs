@@ -17,6 +17,12 @@ pub struct BakeSummary {
     pub patches: u64,
     /// Form factors stored.
     pub nonzeros: u64,
+    /// Receivers: rows in empty air.
+    pub receivers: u64,
+    /// Form factors of receivers.
+    pub receiver_nonzeros: u64,
+    /// Rays of receivers that were traced in this run.
+    pub receiver_rays: u64,
     /// Chunks with a tile.
     pub chunks: u64,
     /// Rays of rows that were traced in this run; resumed chunks need none.

@@ -5,9 +5,9 @@ use earthshine_gen::{GenOptions, WorldKind};
 use earthshine_scene::{ImportOptions, Scene};
 use earthshine_tiles::{
     BakeMethod, BakeParameters, DirStore, PatchBuilder, RowCodec, RowEstimator, SampleSource, TileStore,
-    check_rows,
+    check_receivers, check_rows,
 };
-use earthshine_world::{Chunk, Grid, LightRig};
+use earthshine_world::{Chunk, ChunkRows, Grid, LightRig, Vec3, VoxelCoord};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -152,7 +152,7 @@ fn rows_are_sound_and_reciprocal() {
     assert!(summary.patches > 100 && summary.buried_samples > 0, "{summary:?}");
     assert!(summary.balance.deficit_max < 0.05, "{summary:?}");
     for chunk in chunks(folder.path()) {
-        assert_eq!(check_rows(&chunk), Vec::new(), "chunk {}", chunk.id);
+        assert_eq!((check_rows(&chunk), check_receivers(&chunk)), (vec![], vec![]), "chunk {}", chunk.id);
         for patch in &chunk.patches {
             assert!(patch.area > 0.0 && patch.point_count > 0);
         }
@@ -193,6 +193,57 @@ fn a_closed_box_has_no_sky_and_its_area() {
     }
     assert!((inside / area - 1.0).abs() < 1e-4, "{inside} of {area}");
     assert_eq!(sky, 0.0);
+}
+
+/// Goal: air in a room sees what its walls do. Method: the furnace, a closed box: every row of every receiver ends on
+/// its glowing sides, so that the air is as bright as they are; outside of the box there is no air to light.
+#[test]
+fn the_air_of_a_closed_box_sees_its_walls_and_nothing_else() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = scene(WorldKind::Furnace);
+    let summary = bake_with(2, &scene, folder.path(), &Silent);
+    assert!(summary.receivers > 0 && summary.receiver_rays > 0, "{summary:?}");
+    let chunks = chunks(folder.path());
+    let glows = |rows: &ChunkRows, row: usize| -> f32 {
+        let of = |column| {
+            let id = rows.patch_id(column);
+            let chunk = chunks.iter().find(|chunk| chunk.id == id.chunk).expect("a chunk of the world");
+            chunk.patches[usize::from(id.local)].emission.max_element() > 0.0
+        };
+        rows.row(row).filter(|&(column, _)| of(column)).map(|(_, share)| share).sum()
+    };
+    let (mut receivers, mut least) = (0, 1.0f32);
+    for chunk in &chunks {
+        for (row, place) in chunk.receivers.places.iter().enumerate() {
+            let centre = (place.voxel.as_vec3() + 0.5) * 0.4;
+            let bounds = scene.bounds();
+            if centre.cmpgt(bounds.min).all() && centre.cmplt(bounds.max).all() {
+                assert_eq!(chunk.receivers.rows.sky_shares[row], [0.0; 6], "{place:?}");
+                least = least.min(glows(&chunk.receivers.rows, row));
+                receivers += 1;
+            }
+        }
+    }
+    assert!(receivers > 20 && least > 0.98, "{receivers} receivers, {least} of a row glows");
+}
+
+/// Goal: solid blocks hold no air. Method: the Cornell box, from voxels small enough that some lie inside of a block.
+#[test]
+fn air_inside_of_a_block_is_left_out() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut options = options(0.1);
+    options.parameters.rays_per_patch = 16;
+    options.parameters.receiver_rays = 128;
+    options.parameters.two_sided = false;
+    bake(&scene(WorldKind::Cornell), folder.path(), &options, &Silent).expect("a bake");
+    let at = |place: Vec3| -> usize {
+        let voxel: VoxelCoord = options.parameters.grid.voxel_at(place);
+        let chunks = chunks(folder.path());
+        let places = chunks.iter().flat_map(|chunk| &chunk.receivers.places);
+        places.filter(|place| place.voxel == voxel).count()
+    };
+    assert_eq!(at(Vec3::new(0.33, 1.0, 0.4)), 6, "over the short block");
+    assert_eq!(at(Vec3::new(0.33, 0.3, 0.4)), 0, "inside of it");
 }
 
 #[test]

@@ -104,6 +104,10 @@ fn print_summary(summary: &BakeSummary, world: &std::path::Path) {
         summary.mrays_s_core_whole,
         summary.seconds
     );
+    if summary.receivers > 0 {
+        let (receivers, nonzeros) = (summary.receivers, summary.receiver_nonzeros);
+        out!("{receivers} receivers of light in the air, {nonzeros} form factors");
+    }
     if summary.buried_samples > 0 {
         out!("{} of {} points are buried and left out", summary.buried_samples, summary.samples);
     }

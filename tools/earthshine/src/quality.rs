@@ -36,6 +36,15 @@ pub(crate) struct QualityArguments {
     /// Rays that find buried points; 0 keeps them all.
     #[arg(long, default_value_t = 32)]
     buried_rays: u32,
+    /// Voxels from a surface within which empty air gets receivers, light for moving objects; 0 for none.
+    #[arg(long, default_value_t = 4)]
+    receivers: u32,
+    /// Rays that the six receivers of a voxel share.
+    #[arg(long, default_value_t = 512)]
+    receiver_rays: u32,
+    /// Most columns of a receiver's row.
+    #[arg(long, default_value_t = 48)]
+    receiver_columns: u32,
     /// Every random number hangs on it.
     #[arg(long, default_value_t = 1)]
     pub(crate) seed: u64,
@@ -82,6 +91,9 @@ impl QualityArguments {
             },
             two_sided: self.sides.unwrap_or(default_sides) == Sides::Two,
             metals_black: self.metals_black(),
+            receiver_reach_voxels: self.receivers,
+            receiver_rays: self.receiver_rays,
+            receiver_columns: self.receiver_columns,
             method: self.method.method(),
         }
     }

@@ -8,7 +8,7 @@ use earthshine_light::{OccluderSet, Occluders, direct_irradiance};
 use earthshine_radiosity::gather::{GatherLimits, Sources, SparseRows, gather};
 use earthshine_tiles::{DirStore, Manifest, PatchBuilder, TileStore};
 use earthshine_volume::{Layout, Volume};
-use earthshine_world::{Chunk, ChunkId, LightRig, Rgb};
+use earthshine_world::{Chunk, ChunkId, ChunkRows, LightRig, Patch, Rgb, Sky};
 use glam::IVec3;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -23,6 +23,8 @@ pub(crate) struct WholeWorld {
     pub(crate) manifest: Manifest,
     chunks: Vec<Chunk>,
     rows: SparseRows,
+    /// Number of the first patch of each chunk.
+    first: BTreeMap<ChunkId, u32>,
     occluders: OccluderSet,
 }
 
@@ -31,6 +33,8 @@ pub(crate) struct WholeLight {
     pub(crate) irradiance: Vec<Rgb>,
     pub(crate) sky_irradiance: Vec<Rgb>,
     pub(crate) direct_exitance: Vec<Rgb>,
+    /// Of the lights that it was solved for.
+    sky: Sky,
 }
 
 impl WholeWorld {
@@ -46,8 +50,9 @@ impl WholeWorld {
         {
             occluders.insert(id, Arc::new(built));
         }
-        let rows = global_rows(&chunks)?;
-        Ok(Self { manifest, chunks, rows, occluders })
+        let first = first_patches(&chunks);
+        let rows = global_rows(&chunks, &first)?;
+        Ok(Self { manifest, chunks, rows, first, occluders })
     }
 
     /// Every chunk, in the order of [`WholeLight`].
@@ -73,7 +78,7 @@ impl WholeWorld {
             reflectance: &reflectance,
         };
         gather(&self.rows, sources, &mut irradiance, LIMITS);
-        WholeLight { irradiance, sky_irradiance, direct_exitance }
+        WholeLight { irradiance, sky_irradiance, direct_exitance, sky: rig.sky }
     }
 
     /// `rho * E_direct + emission` of every patch, lm/m2.
@@ -94,7 +99,12 @@ impl WholeWorld {
 
     /// The volume a client would hold if all of the world were resident.
     pub(crate) fn volume(&self, light: &WholeLight) -> anyhow::Result<Volume> {
-        let voxels = || self.chunks.iter().flat_map(|chunk| chunk.patches.iter().map(|patch| patch.voxel));
+        let voxels = || {
+            self.chunks.iter().flat_map(|chunk| {
+                let patches = chunk.patches.iter().map(|patch| patch.voxel);
+                patches.chain(chunk.receivers.places.iter().map(|place| place.voxel))
+            })
+        };
         let low = voxels().reduce(IVec3::min).context("the world has no patches")?;
         let high = voxels().reduce(IVec3::max).context("the world has no patches")?;
         let edge = self.manifest.parameters.grid.voxel_edge_m;
@@ -109,29 +119,73 @@ impl WholeWorld {
             let (all, sky) = (light.irradiance[index], light.sky_irradiance[index]);
             volume.set_patch(patch.voxel, patch.direction.index(), all, sky, u8::MAX);
         }
+        let exitance = self.exitance(light);
+        for chunk in &self.chunks {
+            for (place, (all, sky)) in
+                chunk.receivers.places.iter().zip(self.received(chunk, light, &exitance)?)
+            {
+                volume.set_receiver(place.voxel, place.direction.index(), all, sky, u8::MAX);
+            }
+        }
         Ok(volume)
+    }
+
+    /// What leaves each patch, `B = E + rho I`, lm/m2.
+    fn exitance(&self, light: &WholeLight) -> Vec<Rgb> {
+        let patches = self.chunks.iter().flat_map(|chunk| &chunk.patches);
+        let leaving = |(index, patch): (usize, &Patch)| {
+            light.direct_exitance[index] + patch.reflectance * light.irradiance[index]
+        };
+        patches.enumerate().map(leaving).collect()
+    }
+
+    /// All irradiance on each receiver of `chunk`, and the sky's part of it, lx: one gather over `exitance`.
+    fn received(
+        &self,
+        chunk: &Chunk,
+        light: &WholeLight,
+        exitance: &[Rgb],
+    ) -> anyhow::Result<Vec<(Rgb, Rgb)>> {
+        let rows = &chunk.receivers.rows;
+        let bases = segment_bases(rows, &self.first)?;
+        let of_row = |row: usize| {
+            let sky = light.sky.irradiance(&rows.sky_shares[row]);
+            let gathered = rows.row(row).map(|(column, share)| {
+                let patch = bases[usize::from(column.segment)] + u32::from(column.local);
+                exitance[patch as usize] * share
+            });
+            (sky + gathered.sum::<Rgb>(), sky)
+        };
+        Ok((0..rows.row_count()).into_par_iter().map(of_row).collect())
     }
 }
 
-/// Rows of all chunks over one numbering.
-fn global_rows(chunks: &[Chunk]) -> anyhow::Result<SparseRows> {
-    let mut first = BTreeMap::new();
+fn first_patches(chunks: &[Chunk]) -> BTreeMap<ChunkId, u32> {
     let mut count = 0u32;
-    for chunk in chunks {
-        first.insert(chunk.id, count);
+    let first = |chunk: &Chunk| {
+        let first = count;
         count += chunk.patches.len() as u32;
-    }
+        (chunk.id, first)
+    };
+    chunks.iter().map(first).collect()
+}
+
+/// Numbers of the first patches of the chunks that `rows` point into.
+fn segment_bases(rows: &ChunkRows, first: &BTreeMap<ChunkId, u32>) -> anyhow::Result<Vec<u32>> {
+    let base =
+        |id: &ChunkId| first.get(id).copied().with_context(|| format!("chunk {id} is not in the manifest"));
+    rows.segments.iter().map(base).collect()
+}
+
+/// Rows of all chunks over one numbering.
+fn global_rows(chunks: &[Chunk], first: &BTreeMap<ChunkId, u32>) -> anyhow::Result<SparseRows> {
+    let count: usize = chunks.iter().map(|chunk| chunk.patches.len()).sum();
     let nonzeros = chunks.iter().map(|chunk| chunk.rows.columns.len()).sum();
-    let mut starts = Vec::with_capacity(count as usize + 1);
+    let mut starts = Vec::with_capacity(count + 1);
     let (mut columns, mut shares) = (Vec::with_capacity(nonzeros), Vec::with_capacity(nonzeros));
     starts.push(0);
     for chunk in chunks {
-        let bases: Vec<u32> = chunk
-            .rows
-            .segments
-            .iter()
-            .map(|id| first.get(id).copied().with_context(|| format!("chunk {id} is not in the manifest")))
-            .collect::<Result<_, _>>()?;
+        let bases = segment_bases(&chunk.rows, first)?;
         for row in 0..chunk.rows.row_count() {
             for (column, share) in chunk.rows.row(row) {
                 columns.push(bases[usize::from(column.segment)] + u32::from(column.local));

@@ -153,6 +153,7 @@ fn delta() -> v1::Delta {
         complete: true,
         frame: Some(frame()),
         time_s: 12.125,
+        air: vec![0b000_100, 0, 0b100_000],
     }
 }
 

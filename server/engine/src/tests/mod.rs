@@ -1,5 +1,6 @@
 //! Tests of the engine as a whole: in-memory worlds, a backend that iterates, a seeded simulator.
 
+mod air;
 mod backend;
 mod budgets;
 mod faults;

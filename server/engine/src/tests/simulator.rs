@@ -51,6 +51,8 @@ impl Simulation {
             adds_per_tick_max: dice.pick(&[1, 5, 64]),
             removals_per_tick_max: dice.pick(&[1, 4, 64]),
             shadow_points_per_tick_max: dice.pick(&[1, 30, 10_000]),
+            receiver_voxels_max: dice.pick(&[0, 3, 1000]),
+            receiver_rows_per_tick_max: dice.pick(&[1, 7, 1000]),
             lights_max: 3,
             retry_after_s: dice.pick(&[0.0, 0.05]),
             retries_max: dice.pick(&[0, 2, 50]),

@@ -4,7 +4,7 @@ use earthshine_light::Occluders;
 use earthshine_world::random::{Purpose, hash, unit_f32};
 use earthshine_world::{
     Chunk, ChunkCoord, ChunkId, ChunkRows, ChunkSummary, Column, Direction, Grid, LightRig, OccluderMesh,
-    Patch, PatchId, Rgb, SamplePoint, Vec3, VoxelCoord, WorldIndex,
+    Patch, PatchId, ReceiverPlace, Receivers, Rgb, SamplePoint, Vec3, VoxelCoord, WorldIndex,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -227,6 +227,32 @@ fn draft_links(dice: &mut Dice, drafts: &[PatchDraft], per_patch: u64) -> Vec<(u
         .collect()
 }
 
+/// A receiver behind each patch that has nothing there, with the patch's own row.
+fn build_receivers(patches: &[Patch], rows: &ChunkRows) -> Receivers {
+    let taken: BTreeSet<_> = patches.iter().map(|patch| (patch.voxel.to_array(), patch.direction)).collect();
+    let mut places: Vec<(ReceiverPlace, usize)> = Vec::new();
+    for (local, patch) in patches.iter().enumerate() {
+        let direction = Direction::ALL[patch.direction.index() ^ 1];
+        let place = ReceiverPlace { voxel: patch.voxel, direction };
+        if !taken.contains(&place.order()) {
+            places.push((place, local));
+        }
+    }
+    places.sort_by_key(|(place, _)| place.order());
+    let segments = rows.segments.clone();
+    let mut copied = ChunkRows { segments, row_starts: vec![0], ..ChunkRows::default() };
+    for &(_, local) in &places {
+        for (column, share) in rows.row(local) {
+            copied.columns.push(column);
+            copied.shares.push(share);
+        }
+        copied.row_starts.push(copied.columns.len() as u32);
+        copied.sky_shares.push(rows.sky_shares[local]);
+        copied.absorbed_shares.push(rows.absorbed_shares[local]);
+    }
+    Receivers { places: places.into_iter().map(|(place, _)| place).collect(), rows: copied }
+}
+
 fn build_chunk(id: ChunkId, list: &[usize], drafts: &[PatchDraft], all: &[BTreeMap<PatchId, f32>]) -> Chunk {
     let segments: BTreeSet<ChunkId> =
         list.iter().flat_map(|&number| all[number].keys().map(|column| column.chunk)).collect();
@@ -267,7 +293,8 @@ fn build_chunk(id: ChunkId, list: &[usize], drafts: &[PatchDraft], all: &[BTreeM
             points.push(SamplePoint { position, normal: draft.direction.vector() });
         }
     }
-    Chunk { id, patches, points, rows, occluders: OccluderMesh::default() }
+    let receivers = build_receivers(&patches, &rows);
+    Chunk { id, patches, points, rows, receivers, occluders: OccluderMesh::default() }
 }
 
 #[test]

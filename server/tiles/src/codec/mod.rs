@@ -8,6 +8,7 @@ pub(crate) mod occluders;
 pub(crate) mod patches;
 pub(crate) mod planes;
 pub(crate) mod points;
+pub(crate) mod receivers;
 pub(crate) mod row_decode;
 pub(crate) mod row_encode;
 pub(crate) mod row_group;

@@ -10,7 +10,7 @@ use earthshine_tiles::{
 use earthshine_world::random::{Purpose, hash, unit_f32};
 use earthshine_world::{
     Bounds, Chunk, ChunkCoord, ChunkId, ChunkRows, Column, Direction, LightRig, OccluderMesh, Patch,
-    SamplePoint, Vec3, VoxelCoord,
+    ReceiverPlace, Receivers, SamplePoint, Vec3, VoxelCoord,
 };
 use std::path::Path;
 
@@ -61,8 +61,21 @@ pub(crate) fn random_chunk(seed: u64, patch_count: usize, row_max: usize) -> Chu
         triangles: (0..triangle_count).map(|_| [(); 3].map(|()| dice.below(corners) as u32)).collect(),
         surfaces: (0..triangle_count).map(|_| [(); 4].map(|()| dice.bits() as u8)).collect(),
     };
-    let rows = random_rows(id, patch_count, row_max, &mut dice);
-    Chunk { id, patches, points, rows, occluders }
+    let rows = random_rows(id, patch_count, patch_count, row_max, &mut dice);
+    let receivers = random_receivers(id, patch_count, row_max, &mut dice);
+    Chunk { id, patches, points, rows, receivers, occluders }
+}
+
+/// Receivers one voxel behind the patches, about as many.
+fn random_receivers(id: ChunkId, patch_count: usize, row_max: usize, dice: &mut Dice) -> Receivers {
+    let mut places = Vec::new();
+    for index in 0..patch_count {
+        let voxel = VoxelCoord::new(-32 + index as i32 / 9, index as i32 % 9, 81);
+        let facing = Direction::ALL.into_iter().filter(|_| dice.below(6) == 0);
+        places.extend(facing.map(|direction| ReceiverPlace { voxel, direction }));
+    }
+    let rows = random_rows(id, places.len(), patch_count, row_max, dice);
+    Receivers { places, rows }
 }
 
 fn random_patch(index: usize, points: &mut Vec<SamplePoint>, dice: &mut Dice) -> Patch {
@@ -83,7 +96,13 @@ fn random_patch(index: usize, points: &mut Vec<SamplePoint>, dice: &mut Dice) ->
     }
 }
 
-fn random_rows(id: ChunkId, patch_count: usize, row_max: usize, dice: &mut Dice) -> ChunkRows {
+fn random_rows(
+    id: ChunkId,
+    row_count: usize,
+    patch_count: usize,
+    row_max: usize,
+    dice: &mut Dice,
+) -> ChunkRows {
     let mut segments = vec![id];
     for _ in 0..dice.below(5) {
         segments.push(ChunkId::new(id.level, id.coord + ChunkCoord::X * (1 + dice.below(4) as i32)));
@@ -91,7 +110,7 @@ fn random_rows(id: ChunkId, patch_count: usize, row_max: usize, dice: &mut Dice)
     segments.sort_unstable();
     segments.dedup();
     let mut rows = ChunkRows { segments, row_starts: vec![0], ..ChunkRows::default() };
-    for _ in 0..patch_count {
+    for _ in 0..row_count {
         let length = if dice.below(5) == 0 { 0 } else { dice.below(row_max + 1) };
         let mut columns: Vec<Column> = (0..length)
             .map(|_| {
@@ -135,6 +154,8 @@ pub(crate) fn write_world(folder: &Path, chunks: &[Chunk], options: &EncodeOptio
             input_hash: u64::MAX - entries.len() as u64,
             patch_count: chunk.patches.len() as u32,
             nonzero_count: chunk.rows.columns.len() as u64,
+            receiver_count: chunk.receivers.places.len() as u32,
+            receiver_nonzero_count: chunk.receivers.rows.columns.len() as u64,
         });
     }
     let manifest = Manifest {

@@ -3,8 +3,8 @@
 
 use super::Dice;
 use earthshine_world::{
-    Chunk, ChunkCoord, ChunkId, ChunkRows, Column, Direction, OccluderMesh, Patch, SamplePoint, Vec3,
-    VoxelCoord,
+    Chunk, ChunkCoord, ChunkId, ChunkRows, Column, Direction, OccluderMesh, Patch, Receivers, SamplePoint,
+    Vec3, VoxelCoord,
 };
 
 const CHUNK_EDGE: i32 = 16;
@@ -176,5 +176,5 @@ fn chunk(id: ChunkId, faces: &[(Vec3, Direction)], rows: ChunkRows, dice: &mut D
             }
         })
         .collect();
-    Chunk { id, patches, points, rows, occluders }
+    Chunk { id, patches, points, rows, receivers: Receivers::default(), occluders }
 }

@@ -8,6 +8,7 @@ mod bake;
 mod builders;
 mod estimators;
 mod matrix;
+mod moving_sphere;
 mod reference;
 mod tiles;
 
@@ -24,6 +25,7 @@ use serde::Serialize;
   earthshine bench accuracy --scene cornell --builder clustered --clusters 3 --samples hammersley --json
   earthshine bench builders --scene cornell --markdown
   earthshine bench estimators --scene town --targets 0.04,0.02 --markdown
+  earthshine bench sphere --scene sponza.glb --lights sponza.lights.json --way "-8,1.5,0; 6,3,0.5"
   earthshine bench matrix --swaps 10000 --json")]
 pub(crate) struct BenchArguments {
     #[command(subcommand)]
@@ -39,6 +41,8 @@ enum Suite {
     Accuracy(accuracy::AccuracyArguments),
     /// Our path tracer against another renderer's light at points.
     Reference(reference::ReferenceArguments),
+    /// Light on a sphere that moves through the air, against a path tracer.
+    Sphere(moving_sphere::SphereArguments),
     /// Add and remove against a fresh solve; the time they take.
     Matrix(matrix::MatrixArguments),
     /// Size and speed of a world's tiles.
@@ -108,6 +112,7 @@ pub(crate) fn run(arguments: &BenchArguments) -> anyhow::Result<()> {
     match &arguments.suite {
         Suite::Accuracy(suite) => accuracy::run(suite, arguments.json),
         Suite::Reference(suite) => reference::run(suite, arguments.json),
+        Suite::Sphere(suite) => moving_sphere::run(suite, arguments.json),
         Suite::Matrix(suite) => matrix::run(suite, arguments.json),
         Suite::Tiles(suite) => tiles::run(suite, arguments.json),
         Suite::Builders(suite) => builders::run(suite, arguments.json),

@@ -3,7 +3,8 @@
 use crate::output::out;
 use anyhow::bail;
 use earthshine_tiles::{DirStore, TileStore};
-use earthshine_world::{Chunk, ChunkId, Direction, PatchId, Rgb};
+use earthshine_world::{Chunk, ChunkId, Direction, PatchId, Receivers, Rgb};
+use glam::IVec3;
 use std::collections::BTreeMap;
 
 /// Entries of a row that are listed one by one.
@@ -28,6 +29,7 @@ pub(crate) fn chunk(store: &DirStore, id: ChunkId, json: bool) -> anyhow::Result
             "area_m2": area, "points": chunk.points.len(), "nonzeros": nonzeros, "seen_chunks": segments,
             "sky_share_mean": sky, "absorbed_share_mean": absorbed, "emitters": emitters,
             "emitted_lm": emitted.to_array(),
+            "receivers": chunk.receivers.places.len(), "receiver_nonzeros": chunk.receivers.rows.columns.len(),
             "occluder_triangles": chunk.occluders.triangles.len(),
         });
         out!("{summary}");
@@ -48,7 +50,53 @@ pub(crate) fn chunk(store: &DirStore, id: ChunkId, json: bool) -> anyhow::Result
         sky * 100.0,
         absorbed * 100.0
     );
+    let receivers = &chunk.receivers;
+    out!(
+        "{} receivers in the air of {} voxels, {:.0} form factors each",
+        receivers.places.len(),
+        receivers.places.chunk_by(|a, b| a.voxel == b.voxel).count(),
+        receivers.rows.columns.len() as f64 / receivers.places.len().max(1) as f64
+    );
     out!("{} triangles cast shadows", chunk.occluders.triangles.len());
+    Ok(())
+}
+
+/// Where the light of the receivers in voxel `voxel` comes from.
+pub(crate) fn air(store: &DirStore, voxel: IVec3, json: bool) -> anyhow::Result<()> {
+    let id = ChunkId::new(0, store.manifest().parameters.grid.chunk_of(voxel));
+    let chunk = store.load(id)?;
+    let Receivers { places, rows } = &chunk.receivers;
+    let own: Vec<usize> = (0..places.len()).filter(|&row| places[row].voxel == voxel).collect();
+    if own.is_empty() {
+        bail!(
+            "no receiver is in voxel {voxel}: it is inside of something, far from surfaces, or all patches"
+        );
+    }
+    let sky = |row: usize| rows.sky_shares[row].iter().sum::<f32>();
+    if json {
+        let receivers: Vec<_> = own
+            .iter()
+            .map(|&row| {
+                serde_json::json!({
+                    "direction": format!("{:?}", places[row].direction), "nonzeros": rows.row(row).len(),
+                    "sky_shares": rows.sky_shares[row], "absorbed_share": rows.absorbed_shares[row],
+                    "row_sum": rows.row_sum(row),
+                })
+            })
+            .collect();
+        out!("{}", serde_json::json!({"voxel": voxel.to_array(), "receivers": receivers}));
+        return Ok(());
+    }
+    out!("{} receivers in voxel {voxel} of chunk {id}", own.len());
+    for row in own {
+        out!(
+            "  {:?}: light from {} patches, {:.1} % from the sky, {:.2} % from nothing",
+            places[row].direction,
+            rows.row(row).len(),
+            sky(row) * 100.0,
+            rows.absorbed_shares[row] * 100.0
+        );
+    }
     Ok(())
 }
 

@@ -16,6 +16,7 @@ use std::path::PathBuf;
   earthshine inspect town.world
   earthshine inspect town.world chunk 0,0,-1
   earthshine inspect town.world row 0,0,-1 17
+  earthshine inspect town.world air 3,1,-2
   earthshine inspect town.world verify")]
 pub(crate) struct InspectArguments {
     /// World folder.
@@ -45,6 +46,12 @@ enum What {
         /// Patch of that chunk.
         patch: u16,
     },
+    /// The receivers of one voxel: where the light in its air comes from.
+    Air {
+        /// x,y,z in voxels.
+        #[arg(value_parser = coordinates, allow_hyphen_values = true)]
+        voxel: IVec3,
+    },
     /// Every checksum, every row invariant, reciprocity across chunks.
     Verify,
 }
@@ -66,6 +73,7 @@ pub(crate) fn run(arguments: &InspectArguments) -> anyhow::Result<()> {
         What::Summary => summary(store.manifest(), arguments.json),
         What::Chunk { chunk } => explain::chunk(&store, ChunkId::new(0, *chunk), arguments.json),
         What::Row { chunk, patch } => explain::row(&store, ChunkId::new(0, *chunk), *patch, arguments.json),
+        What::Air { voxel } => explain::air(&store, *voxel, arguments.json),
         What::Verify => verify::run(&store, arguments.json),
     }
 }
@@ -74,13 +82,14 @@ fn summary(manifest: &Manifest, json: bool) -> anyhow::Result<()> {
     let patches: u64 = manifest.chunks.iter().map(|chunk| u64::from(chunk.patch_count)).sum();
     let nonzeros: u64 = manifest.chunks.iter().map(|chunk| chunk.nonzero_count).sum();
     let bytes: u64 = manifest.chunks.iter().map(|chunk| chunk.tile_bytes).sum();
+    let receivers: u64 = manifest.chunks.iter().map(|chunk| u64::from(chunk.receiver_count)).sum();
     let size = manifest.bounds.size();
     let square_kilometres = f64::from(size.x) * f64::from(size.z) / 1e6;
     let per_km2 = bytes as f64 / square_kilometres.max(1e-12);
     let per_nonzero = bytes as f64 / nonzeros.max(1) as f64;
     if json {
         let summary = serde_json::json!({
-            "scene": manifest.scene, "chunks": manifest.chunks.len(), "patches": patches, "nonzeros": nonzeros,
+            "scene": manifest.scene, "chunks": manifest.chunks.len(), "patches": patches, "nonzeros": nonzeros, "receivers": receivers,
             "world_bytes": bytes, "tile_bytes_per_nonzero": per_nonzero, "bytes_per_km2": per_km2,
             "parameters": manifest.parameters, "bounds": manifest.bounds, "lights": manifest.lights.lights.len(),
         });
@@ -93,6 +102,7 @@ fn summary(manifest: &Manifest, json: bool) -> anyhow::Result<()> {
     out!("grid        voxels of {} m, chunks of {} m", grid.voxel_edge_m, grid.chunk_edge_m());
     out!("chunks      {}", manifest.chunks.len());
     out!("patches     {patches}");
+    out!("receivers   {receivers}");
     out!("non-zeros   {nonzeros} ({:.0} a row)", nonzeros as f64 / patches.max(1) as f64);
     out!(
         "disk        {:.2} MB, {per_nonzero:.2} bytes a non-zero, {:.1} MB/km2",

@@ -3,7 +3,7 @@
 use crate::exit_code::FaultsFound;
 use crate::output::out;
 use crate::progress_bars;
-use earthshine_tiles::{DirStore, TileStore, check_rows};
+use earthshine_tiles::{DirStore, TileStore, check_receivers, check_rows};
 use earthshine_world::{Chunk, ChunkId, PatchId};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -36,6 +36,8 @@ pub(crate) fn run(store: &DirStore, json: bool) -> anyhow::Result<()> {
     }
     for chunk in chunks.values() {
         faults.extend(check_rows(chunk).into_iter().map(|fault| format!("chunk {}: {fault}", chunk.id)));
+        let of_receivers = check_receivers(chunk).into_iter();
+        faults.extend(of_receivers.map(|fault| format!("chunk {}: receivers: {fault}", chunk.id)));
     }
     let not_mutual: Vec<String> =
         chunks.par_iter().flat_map_iter(|(_, chunk)| one_sided(chunk, &chunks)).collect();

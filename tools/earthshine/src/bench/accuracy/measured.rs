@@ -12,16 +12,16 @@ use std::path::Path;
 use std::time::Instant;
 
 /// A solved world.
-pub(super) struct Measured {
-    pub(super) world: WholeWorld,
-    pub(super) light: WholeLight,
-    pub(super) volume: Volume,
-    pub(super) patches: u64,
-    pub(super) world_bytes: u64,
+pub(in crate::bench) struct Measured {
+    pub(in crate::bench) world: WholeWorld,
+    pub(in crate::bench) light: WholeLight,
+    pub(in crate::bench) volume: Volume,
+    pub(in crate::bench) patches: u64,
+    pub(in crate::bench) world_bytes: u64,
     /// Absent for a world that was there.
-    pub(super) bake_seconds: Option<f64>,
-    pub(super) solve_seconds: f64,
-    pub(super) absorbed_share_mean: f64,
+    pub(in crate::bench) bake_seconds: Option<f64>,
+    pub(in crate::bench) solve_seconds: f64,
+    pub(in crate::bench) absorbed_share_mean: f64,
 }
 
 impl Measured {
@@ -54,7 +54,7 @@ impl Measured {
 }
 
 /// Bakes into a scratch folder, loads and solves.
-pub(super) fn baked(
+pub(in crate::bench) fn baked(
     source: &SceneSource,
     quality: &QualityArguments,
     quiet: bool,
@@ -74,7 +74,7 @@ pub(super) fn baked(
 }
 
 /// Loads a world that was baked from `source`, and solves it under the source's lights.
-pub(super) fn loaded(source: &SceneSource, folder: &Path) -> anyhow::Result<Measured> {
+pub(in crate::bench) fn loaded(source: &SceneSource, folder: &Path) -> anyhow::Result<Measured> {
     let world = WholeWorld::load(folder)?;
     let expected = identity::world_hash(&source.scene, &world.manifest.parameters);
     ensure!(

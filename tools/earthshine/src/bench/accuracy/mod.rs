@@ -1,7 +1,7 @@
 //! `bench accuracy`: bake, solve, look up light at points, compare with a path tracer or with other renderers.
 
 mod furnace;
-mod measured;
+pub(super) mod measured;
 mod points;
 mod sweep;
 mod text;

@@ -1,0 +1,206 @@
+//! Light in empty air: the receivers nearest to one session's camera, gathered from the resident patches.
+//!
+//! A receiver holds no slot. Its irradiance is one sparse gather over what leaves the resident patches
+//! (`B = E + rho I`), plus the sky its row sees; columns that hold no slot are far, as in a patch's row, and bring no
+//! light. Whenever the light of the patches has changed all receivers are out of date; a tick gathers as many as its
+//! budget allows, those whose turn was longest ago first and among equals the nearest.
+
+use crate::PatchLight;
+use crate::chunks::ChunkTable;
+use crate::local_set::LocalSet;
+use crate::slots::{FREE, split_row, visit_row};
+use earthshine_world::{Chunk, ChunkId, LightRig, Rgb, Vec3, VoxelCoord};
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// A receiver that rests on less than this share of its row says nothing: half of a room is not its light.
+const KNOWN_SHARE_MIN: f32 = 0.5;
+
+/// The receivers of one voxel.
+#[derive(Debug)]
+struct AirVoxel {
+    chunk: Arc<Chunk>,
+    /// Rows of its receivers in the chunk.
+    rows: Range<usize>,
+    /// Generation of the patches' light that `lights` were gathered from; 0 for none yet.
+    lit: u64,
+    /// Those that know enough, by direction.
+    lights: Vec<PatchLight>,
+}
+
+/// Names a voxel's receivers: their chunk, and the first of their rows.
+type AirKey = (ChunkId, usize);
+
+/// The receivers that one session is told of.
+#[derive(Debug, Default)]
+pub(crate) struct AirSet {
+    voxels: BTreeMap<AirKey, AirVoxel>,
+    /// Keys of all voxels, nearest first.
+    nearest_first: Vec<AirKey>,
+    /// Keys of all voxels, ascending by voxel (x, y, z).
+    by_place: Vec<AirKey>,
+    /// Counts changes of the patches' light.
+    generation: u64,
+    stale: usize,
+}
+
+struct Near {
+    /// Squared distance as bits: they order like the number, which is never negative.
+    distance: u32,
+    key: AirKey,
+    end: usize,
+    voxel: VoxelCoord,
+}
+
+impl AirSet {
+    /// Chooses the `voxels_max` nearest voxels with receivers of `chunks` (wanted, in memory). What stays keeps its light.
+    /// Returns whether any light was dropped.
+    pub(crate) fn replan(
+        &mut self,
+        focus: Vec3,
+        chunks: &[ChunkId],
+        table: &ChunkTable,
+        voxels_max: usize,
+    ) -> bool {
+        let mut near = nearest(focus, chunks, table, voxels_max);
+        near.sort_unstable_by_key(|candidate| (candidate.distance, candidate.key));
+        let mut before = std::mem::take(&mut self.voxels);
+        for candidate in &near {
+            let chunk = table.chunk(candidate.key.0).expect("a wanted chunk keeps its tile");
+            let kept = before.remove(&candidate.key).filter(|kept| Arc::ptr_eq(&kept.chunk, chunk));
+            let rows = candidate.key.1..candidate.end;
+            let fresh = || AirVoxel { chunk: Arc::clone(chunk), rows, lit: 0, lights: Vec::new() };
+            self.voxels.insert(candidate.key, kept.unwrap_or_else(fresh));
+        }
+        self.nearest_first = near.iter().map(|candidate| candidate.key).collect();
+        near.sort_unstable_by_key(|candidate| candidate.voxel.to_array());
+        self.by_place = near.iter().map(|candidate| candidate.key).collect();
+        self.stale = self.stale_now();
+        !before.is_empty()
+    }
+
+    /// The patches' light has changed.
+    pub(crate) fn outdate(&mut self) {
+        self.generation += 1;
+        self.stale = self.voxels.len();
+    }
+
+    /// Forgets all light: the patches it rests on are gone.
+    pub(crate) fn clear(&mut self) {
+        *self = Self { generation: self.generation, ..Self::default() };
+    }
+
+    /// Voxels whose light is out of date.
+    pub(crate) fn stale_count(&self) -> usize {
+        self.stale
+    }
+
+    /// Voxels told of.
+    pub(crate) fn len(&self) -> usize {
+        self.voxels.len()
+    }
+
+    /// Gathers until `rows_max` rows are spent, one voxel at least. Returns the rows spent.
+    pub(crate) fn gather(&mut self, local: &LocalSet, rig: &LightRig, rows_max: u32) -> u32 {
+        if self.stale == 0 {
+            return 0;
+        }
+        let exitance = local.exitances();
+        let mut turn: Vec<(u64, usize)> = (0..self.nearest_first.len())
+            .map(|place| (self.voxels[&self.nearest_first[place]].lit, place))
+            .filter(|&(lit, _)| lit < self.generation)
+            .collect();
+        turn.sort_unstable();
+        let mut spent = 0u32;
+        let mut segments: BTreeMap<ChunkId, Vec<&[u32]>> = BTreeMap::new();
+        for (_, place) in turn {
+            let voxel = self.voxels.get_mut(&self.nearest_first[place]).expect("a planned voxel is there");
+            let cost = u32::try_from(voxel.rows.len()).unwrap_or(u32::MAX);
+            if spent > 0 && spent.saturating_add(cost) > rows_max {
+                break;
+            }
+            let chunk = &voxel.chunk;
+            let segments =
+                segments.entry(chunk.id).or_insert_with(|| local.segment_slots(&chunk.receivers.rows));
+            let lights = voxel.rows.clone().map(|row| gathered(chunk, row, segments, &exitance, rig));
+            voxel.lights = lights.filter(|light| light.known_share >= KNOWN_SHARE_MIN).collect();
+            voxel.lit = self.generation;
+            spent = spent.saturating_add(cost);
+            self.stale -= 1;
+        }
+        spent
+    }
+
+    /// Light of all receivers that know enough, ascending by voxel (x, y, z), then direction.
+    pub(crate) fn lights(&self) -> Vec<PatchLight> {
+        self.by_place.iter().flat_map(|key| self.voxels[key].lights.iter().copied()).collect()
+    }
+
+    /// Whether what is counted is what is there.
+    pub(crate) fn is_counted(&self) -> bool {
+        let lengths = [self.nearest_first.len(), self.by_place.len()];
+        lengths == [self.voxels.len(); 2] && self.stale == self.stale_now()
+    }
+
+    fn stale_now(&self) -> usize {
+        self.voxels.values().filter(|voxel| voxel.lit < self.generation).count()
+    }
+}
+
+/// The nearest voxels with receivers, in no order; chunks that lie too far away are not looked into.
+fn nearest(focus: Vec3, chunks: &[ChunkId], table: &ChunkTable, voxels_max: usize) -> Vec<Near> {
+    let mut by_distance: Vec<(u32, ChunkId)> = chunks
+        .iter()
+        .filter_map(|&id| Some((table.get(id)?.bounds.distance(focus).powi(2).to_bits(), id)))
+        .collect();
+    by_distance.sort_unstable();
+    let mut near: Vec<Near> = Vec::new();
+    let mut farthest = u32::MAX;
+    for (distance, id) in by_distance {
+        if distance > farthest || voxels_max == 0 {
+            break;
+        }
+        let chunk = table.chunk(id).expect("a wanted chunk keeps its tile");
+        let mut first = 0;
+        for run in chunk.receivers.places.chunk_by(|a, b| a.voxel == b.voxel) {
+            let voxel = run[0].voxel;
+            let distance = table.grid().voxel_centre(voxel).distance_squared(focus).to_bits();
+            near.push(Near { distance, key: (id, first), end: first + run.len(), voxel });
+            first += run.len();
+        }
+        if near.len() > voxels_max {
+            near.select_nth_unstable_by_key(voxels_max, |candidate| (candidate.distance, candidate.key));
+            near.truncate(voxels_max);
+            farthest = near.iter().map(|candidate| candidate.distance).max().unwrap_or(0);
+        }
+    }
+    near
+}
+
+/// Light of the receiver in row `row`; `exitance` is by slot, lm/m2.
+fn gathered(chunk: &Chunk, row: usize, segments: &[&[u32]], exitance: &[Rgb], rig: &LightRig) -> PatchLight {
+    let rows = &chunk.receivers.rows;
+    let mut irradiance = Rgb::ZERO;
+    visit_row(segments, rows, row, |slot, share| {
+        if slot != FREE {
+            irradiance += share * exitance[slot as usize];
+        }
+    });
+    let sky = rig.sky.irradiance(&rows.sky_shares[row]);
+    let parts = split_row(segments, rows, row);
+    let place = chunk.receivers.places[row];
+    PatchLight {
+        voxel: place.voxel,
+        direction: place.direction,
+        irradiance: finite(irradiance + sky),
+        sky_irradiance: finite(sky),
+        known_share: (parts.resident + parts.sky + parts.absorbed).clamp(0.0, 1.0),
+        far_share: parts.far.clamp(0.0, 1.0),
+    }
+}
+
+/// Light that an `f32` cannot carry is as bright as it can be.
+fn finite(light: Rgb) -> Rgb {
+    light.max(Rgb::ZERO).min(Rgb::splat(f32::MAX))
+}

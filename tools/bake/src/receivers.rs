@@ -1,0 +1,241 @@
+//! Receivers: rows in empty air, for objects that move.
+//!
+//! Voxels near patches get a row for each direction on which they have no patch. All rows of a voxel share one set of
+//! rays over the sphere, cast from one place in its open part: a hit counts for each direction that its ray faces, by
+//! the cosine. Nothing reflects there, so no row is balanced against another; a row sums to one as it is traced.
+//!
+//! Air inside of something is left out: most of its rays end on sides without patches. Long rows are thinned
+//! ([`thin`]): a far patch that one ray found stands for its neighbours just as well.
+
+use crate::checkpoint::Checkpoints;
+use crate::patches::PatchSet;
+use crate::progress::{Progress, Stage};
+use crate::receiver_places::{Candidate, candidates};
+use crate::rows::{RawRow, RowCaster, patch_key};
+use crate::{BakeError, BakeSummary};
+use earthshine_trace::hemisphere::spread_pair;
+use earthshine_world::random::{Purpose, hash, unit_f32, unit_pair};
+use earthshine_world::{Direction, ReceiverPlace, Vec3};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Air from which more than this share of the rays end on sides without patches is inside of something.
+const ABSORBED_SHARE_MAX: f32 = 0.5;
+/// Rays after which a clear case of that is decided, and what is clear.
+const FIRST_RAYS: u32 = 64;
+const CLEARLY_ABSORBED: f32 = 0.8;
+
+/// One receiver and its row.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BakeReceiver {
+    /// Where.
+    pub place: ReceiverPlace,
+    /// Its row; columns are indices into the whole [`PatchSet`].
+    pub row: RawRow,
+}
+
+/// All receivers of a world, by chunk; in each chunk ascending by place.
+pub type ReceiverSet = BTreeMap<[i32; 3], Vec<BakeReceiver>>;
+
+/// Traces receivers.
+#[derive(Debug, Clone, Copy)]
+pub struct ReceiverBake<'a> {
+    /// Casts the rays, against the patches that columns are.
+    pub caster: RowCaster<'a>,
+}
+
+impl ReceiverBake<'_> {
+    /// Finds and traces all receivers of the world; chunks that an interrupted run had finished are read.
+    ///
+    /// # Errors
+    /// A checkpoint cannot be written, or a chunk has more receivers than a tile can number.
+    pub fn run(
+        &self,
+        checkpoints: &Checkpoints,
+        summary: &mut BakeSummary,
+        progress: &dyn Progress,
+    ) -> Result<ReceiverSet, BakeError> {
+        if self.caster.parameters.receiver_reach_voxels == 0 {
+            return Ok(ReceiverSet::new());
+        }
+        let checkpoints = checkpoints.of_receivers();
+        let candidates = candidates(&self.caster);
+        let rays = u64::from(self.caster.parameters.receiver_rays);
+        let voxels: usize = candidates.values().map(Vec::len).sum();
+        progress.begin(Stage::Receivers, voxels as u64 * rays);
+        let cast = AtomicU64::new(0);
+        let by_chunk: Vec<Vec<BakeReceiver>> = candidates
+            .par_iter()
+            .map(|(&coord, voxels)| {
+                let rows = match checkpoints.load(coord, voxels.len() * 6, self.caster.set.len()) {
+                    Some(rows) => rows,
+                    None => {
+                        let rows: Vec<RawRow> =
+                            voxels.par_iter().flat_map_iter(|voxel| self.trace_voxel(voxel, &cast)).collect();
+                        checkpoints.save(coord, &rows)?;
+                        rows
+                    }
+                };
+                progress.advance(rays * voxels.len() as u64);
+                Ok(placed(voxels, rows))
+            })
+            .collect::<Result<_, BakeError>>()?;
+        summary.receiver_rays = cast.into_inner();
+        let chunks = candidates.into_keys().zip(by_chunk);
+        Ok(chunks.filter(|(_, receivers)| !receivers.is_empty()).collect())
+    }
+
+    /// Six rows; empty ones where there is a patch, and everywhere if the voxel is inside of something.
+    fn trace_voxel(&self, candidate: &Candidate, cast: &AtomicU64) -> [RawRow; 6] {
+        let rays = self.caster.parameters.receiver_rays;
+        let key = patch_key(candidate.voxel, 0);
+        let shift = unit_pair(hash(self.caster.parameters.seed, Purpose::ReceiverRay, key, 0));
+        let mut rows: [RawRow; 6] = Default::default();
+        let (mut weights, mut absorbed) = ([0.0f32; 6], 0.0f32);
+        for index in 0..rays {
+            let direction = sphere_direction(index, shift);
+            let end = self.caster.end(candidate.place, direction);
+            absorbed += end.absorbed_share();
+            for axis in 0..3 {
+                let facing = Direction::of_component(axis, direction[axis]).index();
+                let weight = direction[axis].abs();
+                weights[facing] += weight;
+                rows[facing].add(&end, direction, weight);
+            }
+            if index + 1 == FIRST_RAYS && absorbed > CLEARLY_ABSORBED * FIRST_RAYS as f32 {
+                cast.fetch_add(u64::from(FIRST_RAYS), Ordering::Relaxed);
+                return Default::default();
+            }
+        }
+        cast.fetch_add(u64::from(rays), Ordering::Relaxed);
+        if absorbed > ABSORBED_SHARE_MAX * rays as f32 {
+            return Default::default();
+        }
+        for (direction, row) in rows.iter_mut().enumerate() {
+            if candidate.taken >> direction & 1 == 1 {
+                *row = RawRow::default();
+                continue;
+            }
+            row.merge();
+            row.scale(1.0 / weights[direction].max(f32::MIN_POSITIVE));
+            let draw =
+                unit_f32(hash(self.caster.parameters.seed, Purpose::ReceiverRay, key, 1 + direction as u64));
+            let glows = |patch: u32| self.caster.set.patches[patch as usize].patch.emission != Vec3::ZERO;
+            thin(&mut row.entries, self.caster.parameters.receiver_columns as usize, draw, glows);
+        }
+        rows
+    }
+}
+
+/// Direction `index` of a set that covers the sphere evenly.
+fn sphere_direction(index: u32, (shift_u, shift_v): (f32, f32)) -> Vec3 {
+    let (u, v) = spread_pair(index, shift_u, shift_v);
+    let z = 1.0 - 2.0 * u;
+    let radius = (1.0 - z * z).max(0.0).sqrt();
+    let (sin, cos) = (v * std::f32::consts::TAU).sin_cos();
+    Vec3::new(radius * cos, radius * sin, z).normalize_or(Vec3::Z)
+}
+
+/// The rows that say anything, with their places.
+fn placed(voxels: &[Candidate], rows: Vec<RawRow>) -> Vec<BakeReceiver> {
+    let places = voxels.iter().flat_map(|candidate| {
+        Direction::ALL.map(|direction| ReceiverPlace { voxel: candidate.voxel, direction })
+    });
+    let says = |row: &RawRow| !row.entries.is_empty() || row.sky.iter().any(|&share| share > 0.0);
+    places.zip(rows).filter(|(_, row)| says(row)).map(|(place, row)| BakeReceiver { place, row }).collect()
+}
+
+/// Leaves at most about `columns_max` of the ascending `entries`, so that their shares still add up to the same.
+///
+/// Shares above a threshold, and those of patches that glow, stay as they are. Of the others, evenly spread along the
+/// order of patches (which is one of space), some are drawn with chances as their shares, and each gets the
+/// threshold: systematic sampling, so that no light is expected to be lost or gained.
+fn thin(entries: &mut Vec<(u32, f32)>, columns_max: usize, draw: f32, glows: impl Fn(u32) -> bool) {
+    if entries.len() <= columns_max {
+        return;
+    }
+    let glowing = entries.iter().filter(|entry| glows(entry.0)).count();
+    // Hundreds of emitters are ordinary patches.
+    let keeps_glowing = glowing * 2 <= columns_max;
+    let stays = |patch: u32| keeps_glowing && glows(patch);
+    let room = columns_max - if keeps_glowing { glowing } else { 0 };
+    let mut others: Vec<f32> = entries.iter().filter(|e| !stays(e.0)).map(|e| e.1).collect();
+    if others.len() <= room {
+        return;
+    }
+    let threshold = threshold(&mut others, room);
+    let mut due = draw;
+    entries.retain_mut(|(patch, share)| {
+        if *share >= threshold || stays(*patch) {
+            return true;
+        }
+        due -= *share / threshold;
+        if due > 0.0 {
+            return false;
+        }
+        due += 1.0;
+        *share = threshold;
+        true
+    });
+}
+
+/// The share at which `room` columns are left: those at or above it, and what is below it in units of it.
+fn threshold(shares: &mut [f32], room: usize) -> f32 {
+    shares.sort_unstable_by(|a, b| b.total_cmp(a));
+    let mut rest: f64 = shares.iter().map(|&share| f64::from(share)).sum();
+    for (larger, &share) in shares.iter().enumerate().take(room) {
+        let threshold = rest / (room - larger) as f64;
+        if f64::from(share) <= threshold {
+            return threshold as f32;
+        }
+        rest -= f64::from(share);
+    }
+    f32::MIN_POSITIVE
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn directions_cover_the_sphere_evenly() {
+        let mut sums = [0.0f32; 6];
+        for index in 0..512 {
+            let direction = sphere_direction(index, (0.3, 0.8));
+            assert!((direction.length() - 1.0).abs() < 1e-5);
+            for axis in 0..3 {
+                sums[Direction::of_component(axis, direction[axis]).index()] += direction[axis].abs();
+            }
+        }
+        // A half sphere's mean cosine is a half.
+        assert!(sums.iter().all(|sum| (sum / 128.0 - 1.0).abs() < 0.01), "{sums:?}");
+    }
+
+    #[test]
+    fn thinned_rows_keep_their_sum_their_large_shares_and_what_glows() {
+        let row: Vec<(u32, f32)> = (0..400u32).map(|i| (i, if i == 7 { 0.3 } else { 0.7 / 399.0 })).collect();
+        let mut sums = vec![0.0f64; 400];
+        let turns = 997;
+        for turn in 0..turns {
+            let mut thinned = row.clone();
+            thin(&mut thinned, 32, (turn as f32 + 0.5) / turns as f32, |patch| patch == 100);
+            assert!((30..=33).contains(&thinned.len()), "{}", thinned.len());
+            assert!(thinned.contains(&(7, 0.3)) && thinned.contains(&(100, 0.7 / 399.0)));
+            let sum: f32 = thinned.iter().map(|entry| entry.1).sum();
+            assert!((sum - 1.0).abs() < 0.03, "{sum}");
+            thinned.iter().for_each(|&(patch, share)| sums[patch as usize] += f64::from(share));
+        }
+        for (patch, share) in row {
+            let mean = sums[patch as usize] / f64::from(turns);
+            assert!((mean / f64::from(share) - 1.0).abs() < 0.05, "{patch}: {mean} for {share}");
+        }
+    }
+
+    #[test]
+    fn short_rows_stay() {
+        let mut row = vec![(1, 0.5), (2, 0.25)];
+        thin(&mut row, 2, 0.5, |_| false);
+        assert_eq!(row, [(1, 0.5), (2, 0.25)]);
+    }
+}
