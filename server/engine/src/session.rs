@@ -13,7 +13,7 @@ use earthshine_radiosity::BackendError;
 use earthshine_world::{Camera, ChunkId, LightRig, Vec3};
 use std::sync::Arc;
 
-/// Columns of a session's matrix that a tick refines while a repair is under way: as much work as so many adds.
+/// Columns of a session's matrix that a tick refines while a repair is under way: one block of the CPU backend.
 const REPAIR_COLUMNS_A_TICK: u32 = 32;
 /// Drift beyond which a repair, which squares it, would take rounds; then the matrix is solved afresh.
 const REPAIRABLE_DRIFT: f32 = 0.1;

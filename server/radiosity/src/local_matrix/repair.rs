@@ -7,8 +7,8 @@
 //! g + (Id + G R A^-1) r          G stands in for the inverse it approximates
 //! ```
 //!
-//! One round over all columns squares the relative error, down to rounding. A block of [`BLOCK`] columns costs as much as
-//! adding so many patches that see everything. Meanwhile the matrix can be used and changed: each column that is
+//! One round over all columns squares the relative error, down to rounding. A block of [`BLOCK`] columns costs the product
+//! of adding so many patches that see everything, and [`BLOCK`] multiplications for each form factor. Meanwhile the matrix can be used and changed: each column that is
 //! refined only makes it better.
 
 use super::LocalMatrix;
@@ -86,8 +86,14 @@ impl LocalMatrix {
     /// `finals = X e + X R A^-1 columns - columns` of one channel, `e` the unit vectors of `slots`.
     fn residual(&mut self, channel: usize, slots: &[usize]) {
         let (stripes, set) = (self.stripes(), self.instructions);
-        let (reflectance, areas, rows) = (&self.reflectance, &self.areas, &self.rows);
-        let Workspace { columns, finals, place, .. } = &mut self.workspace;
+        let (areas, rows) = (&self.areas, &self.rows);
+        let Workspace { columns, finals, place, vector, .. } = &mut self.workspace;
+        // What leaves a patch for each unit of flux that arrives, per m2.
+        let slots_of = areas.iter().zip(&self.reflectance).zip(vector.iter_mut());
+        for ((&area, reflectance), scale) in slots_of {
+            *scale = if area > 0.0 { reflectance[channel] / area } else { 0.0 };
+        }
+        let scales = &vector[..];
         slots.iter().enumerate().for_each(|(at, &slot)| place[slot] = at as u8);
         let (columns, block) = (&columns[channel][..], &*place);
         finals[..stripes * STRIPE_COLUMNS].par_chunks_mut(BLOCK).enumerate().for_each(|(receiver, out)| {
@@ -95,10 +101,7 @@ impl LocalMatrix {
                 out.fill(0.0);
                 return;
             }
-            let leaving = |(sender, share): (usize, f32)| {
-                (sender, share * reflectance[sender][channel] / areas[sender])
-            };
-            let entries = rows.row(receiver).map(leaving);
+            let entries = rows.row(receiver).map(|(sender, share)| (sender, share * scales[sender]));
             f32::dispatch(set, SparseRow { entries, rows: columns, out });
             for (sender, share) in rows.row(receiver) {
                 if let Some(out) = out.get_mut(usize::from(block[sender])) {

@@ -131,6 +131,9 @@ pub(crate) fn run(arguments: &MatrixArguments, json: bool) -> anyhow::Result<()>
     Report::new("matrix", "closed box", "matrix", seed, clock(), figures).print(json)
 }
 
+/// Takes one figure out of what was timed.
+type Figure = fn(&Timing) -> f64;
+
 /// The figures as a table for people; the best of several rounds each.
 fn print_text(arguments: &MatrixArguments, measured: &MatrixFigures) -> anyhow::Result<()> {
     let &MatrixArguments { m, swaps, block, seed } = arguments;
@@ -146,7 +149,7 @@ fn print_text(arguments: &MatrixArguments, measured: &MatrixFigures) -> anyhow::
     let (all, one) = (&measured.timing, &measured.one_core);
     let threads = format!("{} threads", all.threads);
     out!("{:<44}  {threads:>10}  {:>10}", "time, best of several rounds", "1 thread");
-    let rows: [(&str, &str, fn(&Timing) -> f64); 11] = [
+    let rows: [(&str, &str, Figure); 11] = [
         ("patch added, in a block, sees all", "ms", |t| t.add_ms),
         ("patch added, in a block, sees few", "ms", |t| t.sparse_add_ms),
         ("patch removed, in a block", "ms", |t| t.remove_ms),
