@@ -99,6 +99,26 @@ impl Pinhole {
         let upward = 1.0 - 2.0 * y / self.height as f32;
         (self.forward + self.right * across + self.up * upward).normalize_or(self.forward)
     }
+
+    /// Where `position` is in the picture, in pixels from the upper left corner: the inverse of
+    /// [`Self::direction`]. `None` for what is not in front; places beyond the edges are returned as such.
+    #[must_use]
+    pub fn project(&self, position: Vec3) -> Option<(f32, f32)> {
+        let offset = position - self.position;
+        let depth = offset.dot(self.forward);
+        if depth <= 0.0 {
+            return None;
+        }
+        let across = offset.dot(self.right) / (depth * self.right.length_squared());
+        let upward = offset.dot(self.up) / (depth * self.up.length_squared());
+        Some(((across + 1.0) * 0.5 * self.width as f32, (1.0 - upward) * 0.5 * self.height as f32))
+    }
+
+    /// Height of a pixel in the middle of the picture, radians.
+    #[must_use]
+    pub fn pixel_angle(&self) -> f32 {
+        2.0 * self.up.length() / self.height as f32
+    }
 }
 
 #[cfg(test)]
@@ -113,6 +133,17 @@ mod tests {
         assert!((top - Vec3::new(0.0, 1.0, -1.0).normalize_or_zero()).length() < 1e-6, "{top}");
         let right = camera.direction(200.0, 50.0);
         assert!((right - Vec3::new(2.0, 0.0, -1.0).normalize_or_zero()).length() < 1e-6, "{right}");
+    }
+
+    #[test]
+    fn projecting_undoes_a_direction() {
+        let camera = Pinhole::new(Vec3::new(1.0, 2.0, 3.0), Vec3::new(-2.0, 1.0, 0.5), 50.0, 64, 48).unwrap();
+        for (x, y) in [(0.0, 0.0), (10.5, 40.25), (64.0, 48.0)] {
+            let (px, py) =
+                camera.project(camera.position() + camera.direction(x, y) * 7.0).expect("in front");
+            assert!((px - x).abs() < 1e-3 && (py - y).abs() < 1e-3, "{px} {py} for {x} {y}");
+        }
+        assert_eq!(camera.project(camera.position() - camera.direction(32.0, 24.0)), None);
     }
 
     #[test]

@@ -4,6 +4,8 @@
 //! wrong energy, so nothing is accepted on it alone; light at points comes first
 //! ([`crate::compare_points`](mod@crate::compare_points)).
 
+use crate::image_file::luminance;
+use crate::picture::Picture;
 use image::RgbImage;
 use nv_flip::{DEFAULT_PIXELS_PER_DEGREE, FlipImageRgb8, FlipPool};
 
@@ -29,6 +31,15 @@ pub struct PictureErrors {
     pub ssim: f64,
     /// Mean FLIP error at 67 pixels a degree, 0 for identical pictures, at most 1.
     pub flip: f64,
+}
+
+/// How far the light itself of a linear picture is off, at pixels where the reference has any.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct LinearErrors {
+    /// Sum of luminance against the reference's, minus one.
+    pub bias: f64,
+    /// Median of `|measured - reference| / reference`, luminance. The reference's noise is in it.
+    pub median_rel: f64,
 }
 
 /// Two pictures that do not cover each other, or are too small for a window.
@@ -66,6 +77,29 @@ pub fn compare_pictures(measured: &RgbImage, reference: &RgbImage) -> Result<Pic
         ssim: ssim(&grey(measured), &grey(reference), width as usize),
         flip: flip(measured, reference),
     })
+}
+
+/// Compares linear luminance pixel by pixel; zeros where the reference is black.
+///
+/// # Errors
+/// The pictures differ in size.
+pub fn linear_errors(measured: &Picture, reference: &Picture) -> Result<LinearErrors, SizeError> {
+    let size = |picture: &Picture| (picture.width(), picture.height());
+    SizeError::check(size(measured), size(reference))?;
+    let (mut found, mut right, mut relative) = (0.0, 0.0, Vec::new());
+    for (&one, &other) in measured.pixels().iter().zip(reference.pixels()) {
+        let (one, other) = (f64::from(luminance(one)), f64::from(luminance(other)));
+        if other > 0.0 {
+            found += one;
+            right += other;
+            relative.push((one - other).abs() / other);
+        }
+    }
+    if relative.is_empty() {
+        return Ok(LinearErrors { bias: 0.0, median_rel: 0.0 });
+    }
+    relative.sort_by(f64::total_cmp);
+    Ok(LinearErrors { bias: found / right - 1.0, median_rel: relative[relative.len() / 2] })
 }
 
 /// FLIP's per-pixel error in its own (magma) colours.
@@ -176,6 +210,18 @@ mod tests {
         let expected = (2.0 * 0.4 * 0.2 + 1e-4) / (0.16 + 0.04 + 1e-4);
         assert!((errors.ssim - expected).abs() < 1e-9, "{}", errors.ssim);
         assert!(errors.flip > 0.05 && errors.flip < 1.0, "{}", errors.flip);
+    }
+
+    #[test]
+    fn linear_errors_are_bias_and_median() {
+        use earthshine_world::Rgb;
+        let picture = |values: [f32; 4]| Picture::new(2, 2, values.map(Rgb::splat).to_vec());
+        let reference = picture([1.0, 2.0, 4.0, 0.0]);
+        let errors = linear_errors(&picture([1.1, 2.4, 4.4, 9.0]), &reference).unwrap();
+        assert!((errors.bias - (7.9 / 7.0 - 1.0)).abs() < 1e-6, "{errors:?}");
+        assert!((errors.median_rel - 0.1).abs() < 1e-6, "{errors:?}");
+        let dark = picture([0.0; 4]);
+        assert_eq!(linear_errors(&reference, &dark).unwrap(), LinearErrors { bias: 0.0, median_rel: 0.0 });
     }
 
     #[test]

@@ -9,7 +9,7 @@ use crate::sampling::{PathStream, cosine_direction, triangle_point};
 use crate::tracer::{SceneTracer, Vertex, off_surface, offset_at, point_on};
 use earthshine_light::arrival;
 use earthshine_world::{LightRig, Rgb, Vec3};
-use std::f32::consts::PI;
+use std::f32::consts::{FRAC_1_PI, PI};
 
 /// From this bounce on a path survives with the chance of its throughput.
 const ROULETTE_FROM: u32 = 4;
@@ -100,8 +100,53 @@ impl PathTracer<'_> {
             && !self.tracer.emitters().is_empty()
     }
 
+    /// Radiance that `vertex` reflects, all bounces, cd/m2: a sample. Its own emission is not in it.
+    pub(crate) fn reflected_radiance(&self, vertex: &Vertex, stream: &mut PathStream) -> Rgb {
+        if vertex.reflectance == Rgb::ZERO {
+            return Rgb::ZERO;
+        }
+        let lamps = self.lamp_irradiance(vertex, stream, &mut 0);
+        let first = stream.pair();
+        let surroundings = self.sample(vertex.position, vertex.normal, first, stream).irradiance;
+        vertex.reflectance * FRAC_1_PI * (lamps + surroundings)
+    }
+
+    /// What emissive surfaces bring to `position`, lx: a sample by one look and one ray.
+    pub(crate) fn emitter_sample(&self, position: Vec3, normal: Vec3, stream: &mut PathStream) -> Rgb {
+        if self.tracer.emitters().is_empty() {
+            return Rgb::ZERO;
+        }
+        let looked = self.looked_irradiance(position, normal, stream);
+        let direction = cosine_direction(normal, stream.pair());
+        let origin = off_surface(position, normal);
+        let Some(hit) = self.tracer.closest(origin, direction, 0.0, f32::INFINITY) else { return looked };
+        let vertex = self.tracer.vertex(&hit);
+        if vertex.emitted_radiance == Rgb::ZERO {
+            return looked;
+        }
+        let weight = self.hit_weight(hit.triangle, hit.distance, direction, normal, vertex.normal);
+        looked + vertex.emitted_radiance * (PI * weight * self.rig.emission_scale)
+    }
+
+    /// What emissive surfaces bring to `position` by one look at one of them, lx: to be added to hits by
+    /// chance with [`Self::hit_weight`].
+    pub(crate) fn looked_irradiance(&self, position: Vec3, normal: Vec3, stream: &mut PathStream) -> Rgb {
+        if self.looks_at_emitters() {
+            self.emitter_irradiance(position, normal, stream, &mut 0)
+        } else {
+            Rgb::ZERO
+        }
+    }
+
     /// Balance weight of having hit an emitter by chance.
-    fn hit_weight(&self, triangle: usize, distance: f32, direction: Vec3, from: Vec3, at: Vec3) -> f32 {
+    pub(crate) fn hit_weight(
+        &self,
+        triangle: usize,
+        distance: f32,
+        direction: Vec3,
+        from: Vec3,
+        at: Vec3,
+    ) -> f32 {
         if !self.looks_at_emitters() {
             return 1.0;
         }
@@ -147,7 +192,7 @@ impl PathTracer<'_> {
         surface.emitted_radiance * (self.rig.emission_scale * balanced)
     }
 
-    fn sees(&self, from: Vec3, to: Vec3) -> bool {
+    pub(crate) fn sees(&self, from: Vec3, to: Vec3) -> bool {
         let distance = (to - from).length();
         (to - from)
             .try_normalize()

@@ -123,13 +123,31 @@ pub fn render(
     options: &PictureOptions,
     source: LightSource<'_>,
 ) -> Result<Layers, SamplesError> {
+    render_with_progress(tracer, rig, options, source, &|_| ())
+}
+
+/// As [`render`]; `finished` hears of every row of pixels from any thread: how many pixels it had.
+///
+/// # Errors
+/// As [`render`].
+pub fn render_with_progress(
+    tracer: &SceneTracer<'_>,
+    rig: &LightRig,
+    options: &PictureOptions,
+    source: LightSource<'_>,
+    finished: &(dyn Fn(u64) + Sync),
+) -> Result<Layers, SamplesError> {
     if !(1..=SAMPLES_MAX).contains(&options.samples) {
         return Err(SamplesError(options.samples));
     }
     let paths = PathTracer { tracer, rig, emitter_sampling: EmitterSampling::Balanced };
     let (width, height) = (options.camera.width(), options.camera.height());
-    let pixels: Vec<Pixel> =
-        (0..width * height).into_par_iter().map(|index| paths.pixel(options, source, index)).collect();
+    let row = |y: u32| -> Vec<Pixel> {
+        let row = (0..width).map(|x| paths.pixel(options, source, y * width + x)).collect();
+        finished(width.into());
+        row
+    };
+    let pixels: Vec<Pixel> = (0..height).into_par_iter().with_max_len(1).flat_map_iter(row).collect();
     let layer = |value: fn(&Pixel) -> Rgb| Picture::new(width, height, pixels.iter().map(value).collect());
     let surfaces: u64 = pixels.iter().map(|pixel| u64::from(pixel.surfaces)).sum();
     let uncovered: u64 = pixels.iter().map(|pixel| u64::from(pixel.uncovered)).sum();
