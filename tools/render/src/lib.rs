@@ -23,6 +23,8 @@
 //! | [`difference`] | false colours for differences |
 //! | [`legend`] | what colours mean, below a picture |
 //! | [`sheet`] | labelled pictures side by side |
+//! | [`progressive`] | progressive refinement radiosity, for small scenes |
+//! | [`screen_space`] | the screen-space method: far light, mip chain, near occlusion |
 //! | [`metrics`] | RMSE, PSNR, SSIM, FLIP |
 
 pub mod agreement;
@@ -40,8 +42,10 @@ pub mod legend;
 pub mod metrics;
 pub mod path;
 pub mod picture;
+pub mod progressive;
 pub mod reference;
 pub mod sampling;
+pub mod screen_space;
 pub mod sheet;
 pub mod sky;
 #[cfg(test)]
