@@ -10,6 +10,8 @@ use earthshine_render::csv::CsvError;
 use earthshine_render::image_file::ImageFileError;
 use earthshine_render::metrics::SizeError;
 use earthshine_render::picture::SamplesError;
+use earthshine_render::progressive::ProgressiveError;
+use earthshine_render::screen_space::ScreenSpaceError;
 use earthshine_scene::SceneError;
 use earthshine_server::ServerError;
 use earthshine_tiles::TileError;
@@ -95,6 +97,9 @@ fn code(cause: &(dyn std::error::Error + 'static)) -> Option<u8> {
     if let Some(error) = cause.downcast_ref::<GenError>() {
         return Some(if matches!(error, GenError::Write { .. }) { STORAGE } else { USAGE });
     }
+    if let Some(error) = cause.downcast_ref::<ProgressiveError>() {
+        return Some(if matches!(error, ProgressiveError::Option { .. }) { USAGE } else { INPUT });
+    }
     let is_input = cause.is::<SceneError>()
         || cause.is::<CsvError>()
         || cause.is::<ImageFileError>()
@@ -102,7 +107,10 @@ fn code(cause: &(dyn std::error::Error + 'static)) -> Option<u8> {
         || cause.is::<SizeError>()
         || cause.is::<PathError>()
         || cause.is::<SunPathError>();
-    let is_usage = cause.is::<CameraError>() || cause.is::<SamplesError>() || cause.is::<WrongUse>();
+    let is_usage = cause.is::<CameraError>()
+        || cause.is::<SamplesError>()
+        || cause.is::<ScreenSpaceError>()
+        || cause.is::<WrongUse>();
     match () {
         () if is_input => Some(INPUT),
         () if is_usage => Some(USAGE),

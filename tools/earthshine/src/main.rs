@@ -61,7 +61,7 @@ enum Command {
     Serve(earthshine_server::ServeArgs),
     /// Flies a camera through a served world: latencies, misses, pictures.
     Fly(fly::FlyArguments),
-    /// Draws a scene: path-traced, and by a world's light.
+    /// Draws a scene: path-traced, by a world's light, in screen space, by progressive refinement.
     Render(render::RenderArguments),
     /// Compares pictures, or a world's light with a reference at points.
     Compare(compare::CompareArguments),

@@ -1,15 +1,18 @@
-//! `earthshine render`: pictures by path tracing, and by a world's light beside it.
+//! `earthshine render`: pictures of a scene by one of several methods, beside the path tracer's.
 
-use crate::error_view::{ErrorView, View};
+mod default_view;
+mod progressive;
+mod screen_space;
+mod traced;
+
+use crate::error_view::View;
 use crate::exit_code::WrongUse;
-use crate::output::out;
-use crate::scene_source;
-use crate::view::{Comparison, ViewArguments, write_layers};
-use crate::volume_light;
-use crate::whole_world::WholeWorld;
-use clap::Args;
-use earthshine_render::picture::{LightSource, PictureOptions, render};
-use earthshine_render::{SceneTracer, image_file};
+use crate::progress_bars::counted;
+use crate::scene_source::{self, SceneSource};
+use crate::view::ViewArguments;
+use clap::{Args, ValueEnum};
+use earthshine_render::picture::{Layers, LightSource, PictureOptions, render_with_progress};
+use earthshine_render::{SceneTracer, metrics};
 use std::path::PathBuf;
 
 /// Arguments of `earthshine render`.
@@ -17,7 +20,14 @@ use std::path::PathBuf;
 #[command(after_help = "Examples:
   earthshine render cornell.glb --out pictures --camera 0,1,3.5 --target 0,1,0
   earthshine render sponza.glb --lights sponza.lights.json --world sponza.world --out pictures --exr
-With --world: served-light pictures, the path-traced reference, their difference, and a sheet of all of them.")]
+  earthshine render sponza.glb --lights sponza.lights.json --method screen-space --far-samples 8 --radius 1
+  earthshine render sponza.glb --lights sponza.lights.json --method screen-space --world sponza.world
+  earthshine render cornell --method progressive --until 99 --visibility id-buffer --out frames
+With --world: served-light pictures, the path-traced reference, their difference, and a sheet of all of them.
+With --method screen-space: indirect light with and without refinement below a radius (below voxel size, where a
+world is the far light), each against the reference, and a sheet.
+With --method progressive: frame_0001.png and so on as light spreads, progress.csv and progress.svg (power shot), and the
+last picture against the reference.")]
 pub(crate) struct RenderArguments {
     /// A .glb or .gltf file, or the name of a generated scene.
     scene: String,
@@ -27,11 +37,18 @@ pub(crate) struct RenderArguments {
     /// World baked from the scene: draws its light beside the reference.
     #[arg(long)]
     world: Option<PathBuf>,
+    /// How light is found.
+    #[arg(long, value_enum, default_value_t = Method::PathTraced)]
+    method: Method,
     /// Folder for the pictures.
     #[arg(long, default_value = "pictures")]
     out: PathBuf,
     #[command(flatten)]
     view: ViewArguments,
+    #[command(flatten)]
+    screen_space: screen_space::ScreenSpaceArguments,
+    #[command(flatten)]
+    progressive: progressive::ProgressiveArguments,
     /// Paths a pixel of the reference.
     #[arg(long, default_value_t = 64)]
     samples: u32,
@@ -52,75 +69,111 @@ pub(crate) struct RenderArguments {
     json: bool,
 }
 
-/// Places within a pixel where served light is looked up.
-const SERVICE_SAMPLES: u32 = 16;
+/// How pictures are made.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Method {
+    /// Random paths; with --world the served light beside them.
+    PathTraced,
+    /// Few rays a pixel, filtered, refined by near occlusion; with --world its light is the far light.
+    ScreenSpace,
+    /// Radiosity by shooting, for small scenes.
+    Progressive,
+}
+
+/// Places within a pixel where light is looked up.
+const LOOKUP_SAMPLES: u32 = 16;
 
 /// Runs the subcommand.
 pub(crate) fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
+    arguments.check()?;
     let source = scene_source::load(&arguments.scene, arguments.lights.as_deref(), false)?;
     scene_source::warn_if_dark(&source);
     let tracer = SceneTracer::new(&source.scene).under(source.environment.clone());
-    let camera = arguments.view.pinhole(&source.scene.bounds())?;
+    let camera = default_view::pinhole(&arguments.view, &tracer, &source.lights)?;
     let options = PictureOptions { camera, samples: arguments.samples, seed: arguments.seed };
-    if arguments.shown != View::Light && arguments.world.is_none() {
-        return Err(
-            WrongUse("--view error and --view cause need a world to look at: name it with --world").into()
-        );
+    let task = Task { arguments, source: &source, tracer: &tracer, options };
+    match (arguments.method, &arguments.world) {
+        (Method::PathTraced, None) => traced::reference(&task),
+        (Method::PathTraced, Some(world)) => traced::served(&task, world),
+        (Method::ScreenSpace, None) => screen_space::gathered(&task),
+        (Method::ScreenSpace, Some(world)) => screen_space::served(&task, world),
+        (Method::Progressive, _) => progressive::refine(&task),
     }
-    let Some(folder) = &arguments.world else {
-        let layers = render(&tracer, &source.lights, &options, LightSource::Reference)?;
-        let exposure = arguments.exposure.unwrap_or_else(|| image_file::key_exposure(&layers.full));
-        write_layers(&arguments.out, "reference_", &layers, exposure, arguments.exr)?;
-        out!("{}: reference_{{direct,indirect,full}}, exposure {exposure:e}", arguments.out.display());
-        return Ok(());
-    };
-    let world = WholeWorld::load(folder)?;
-    let light = world.solve(&source.lights);
-    let volume = world.volume(&light)?;
-    if arguments.shown != View::Light {
-        let view = ErrorView {
-            tracer: &tracer,
-            source: &source,
-            world: &world,
-            light: &light,
-            volume: &volume,
-            camera,
-            samples: arguments.samples,
-            seed: arguments.seed,
-            quiet: arguments.json,
-        };
-        return view.write(arguments.shown, &arguments.out, arguments.json);
+}
+
+impl RenderArguments {
+    /// Options of one method given to another would be ignored silently.
+    fn check(&self) -> Result<(), WrongUse> {
+        let screen_space = self.method == Method::ScreenSpace;
+        let faults = [
+            (
+                self.shown != View::Light && self.world.is_none(),
+                "--view error and --view cause need a world to look at: name it with --world",
+            ),
+            (
+                self.shown != View::Light && self.method != Method::PathTraced,
+                "--view error and --view cause hold a world's light against --method path-traced alone",
+            ),
+            (
+                !screen_space && self.screen_space.is_given(),
+                "--far-samples, --near-samples and --radius need --method screen-space",
+            ),
+            (
+                screen_space && self.world.is_some() && self.screen_space.has_far_samples(),
+                "--far-samples has no use with --world: the world's light is the far light",
+            ),
+            (
+                self.method != Method::Progressive && self.progressive.is_given(),
+                "--visibility, --id-texels, --patch-area, --elements, --splits, --gradient, --until, --shots and \
+                 --ambient need --method progressive",
+            ),
+            (
+                self.method == Method::Progressive && self.world.is_some(),
+                "--method progressive computes all light from the scene: leave --world out",
+            ),
+            (self.progressive.has_useless_texels(), "--id-texels needs --visibility id-buffer"),
+        ];
+        faults.into_iter().find(|fault| fault.0).map_or(Ok(()), |fault| Err(WrongUse(fault.1)))
     }
-    let lookup = |position, normal| volume_light::at(&volume, position, normal);
-    let service = PictureOptions { samples: arguments.samples.min(SERVICE_SAMPLES), ..options };
-    let mut comparison = Comparison::take(&tracer, &source.lights, &service, arguments.samples, &lookup)?;
-    comparison.exposure = arguments.exposure.unwrap_or(comparison.exposure);
-    let exposure = comparison.exposure;
-    write_layers(&arguments.out, "service_", &comparison.service, exposure, arguments.exr)?;
-    write_layers(&arguments.out, "reference_", &comparison.reference, exposure, arguments.exr)?;
-    comparison.write_sheet(&arguments.out.join("sheet.png"))?;
-    if comparison.service.uncovered_share > 0.5 {
-        eprintln!(
-            "warning: most of the view has no light in {}: is it baked from this scene?",
-            folder.display()
-        );
+}
+
+/// What all methods share.
+struct Task<'a> {
+    arguments: &'a RenderArguments,
+    source: &'a SceneSource,
+    tracer: &'a SceneTracer<'a>,
+    options: PictureOptions,
+}
+
+impl Task<'_> {
+    /// Pixels of a picture.
+    fn pixels(&self) -> u64 {
+        u64::from(self.options.camera.width()) * u64::from(self.options.camera.height())
     }
-    let errors = comparison.indirect_errors()?;
-    if arguments.json {
-        let uncovered_share = comparison.service.uncovered_share;
-        let figures = serde_json::json!({
-            "exposure": exposure, "uncovered_share": uncovered_share, "indirect": errors,
-            "ssim_window_pixels": earthshine_render::metrics::SSIM_WINDOW,
-            "ssim_sigma_pixels": earthshine_render::metrics::SSIM_SIGMA,
-        });
-        out!("{figures}");
-    } else {
-        out!("{}: service_*, reference_*, sheet.png; exposure {exposure:e}", arguments.out.display());
-        out!("indirect light, sRGB at that exposure: {}", crate::compare::described(&errors));
-        out!(
-            "{:.2} % of the surfaces in view have no light in the world",
-            comparison.service.uncovered_share * 100.0
-        );
+
+    /// The path-traced picture, under a progress bar.
+    fn reference(&self) -> anyhow::Result<Layers> {
+        self.layers("reference", self.arguments.samples, LightSource::Reference)
     }
-    Ok(())
+
+    /// A picture by `source`, under a progress bar of that name.
+    fn layers(&self, name: &'static str, samples: u32, source: LightSource<'_>) -> anyhow::Result<Layers> {
+        let bar = counted(name, "pixels", self.pixels(), self.arguments.json);
+        let options = PictureOptions { samples, ..self.options };
+        let layers = render_with_progress(self.tracer, &self.source.lights, &options, source, &|pixels| {
+            bar.inc(pixels);
+        })?;
+        bar.finish();
+        Ok(layers)
+    }
+
+    /// A picture by a lookup, at fewer places within a pixel than the reference's paths.
+    fn lookup_layers(&self, name: &'static str, source: LightSource<'_>) -> anyhow::Result<Layers> {
+        self.layers(name, self.arguments.samples.min(LOOKUP_SAMPLES), source)
+    }
+}
+
+/// One line for people.
+fn described_linear(errors: &metrics::LinearErrors) -> String {
+    format!("median {:.2} %, bias {:+.2} %", errors.median_rel * 100.0, errors.bias * 100.0)
 }

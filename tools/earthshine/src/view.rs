@@ -11,7 +11,7 @@ use std::path::Path;
 /// Camera and size of a picture.
 #[derive(Args, Clone)]
 pub(crate) struct ViewArguments {
-    /// Where the camera is: x,y,z in metres. Default: a quarter of the way in from a corner, at eye height.
+    /// Where the camera is: x,y,z in metres. Default: inside or in front of the scene, where it sees light.
     #[arg(long, value_parser = vector, allow_hyphen_values = true)]
     camera: Option<Vec3>,
     /// What it looks at: x,y,z in metres. Default: the middle of the scene.
@@ -45,12 +45,23 @@ impl ViewArguments {
         Self { camera: None, target: None, fov: 60.0, width, height }
     }
 
-    /// The camera in a scene of these bounds.
-    pub(crate) fn pinhole(&self, bounds: &Bounds) -> anyhow::Result<Pinhole> {
-        let position = self.camera.unwrap_or_else(|| {
-            let corner = bounds.min + bounds.size() * Vec3::new(0.25, 0.0, 0.25);
-            Vec3::new(corner.x, bounds.min.y + (0.5 * bounds.size().y).min(1.7), corner.z)
-        });
+    /// Where the camera was told to stand.
+    pub(crate) fn position(&self) -> Option<Vec3> {
+        self.camera
+    }
+
+    /// Degrees from bottom to top.
+    pub(crate) fn fov_deg(&self) -> f32 {
+        self.fov
+    }
+
+    /// The same view in another size.
+    pub(crate) fn resized(&self, width: u32, height: u32) -> Self {
+        Self { width, height, ..self.clone() }
+    }
+
+    /// The camera at `position` in a scene of these bounds.
+    pub(crate) fn pinhole_from(&self, position: Vec3, bounds: &Bounds) -> anyhow::Result<Pinhole> {
         let target = self.target.unwrap_or_else(|| bounds.centre());
         Ok(Pinhole::new(position, target, self.fov, self.width, self.height)?)
     }
