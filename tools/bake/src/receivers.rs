@@ -8,7 +8,6 @@
 //! ([`thin`]): a far patch that one ray found stands for its neighbours just as well.
 
 use crate::checkpoint::Checkpoints;
-use crate::patches::PatchSet;
 use crate::progress::{Progress, Stage};
 use crate::receiver_places::{Candidate, candidates};
 use crate::rows::{RawRow, RowCaster, patch_key};
@@ -31,7 +30,7 @@ const CLEARLY_ABSORBED: f32 = 0.8;
 pub struct BakeReceiver {
     /// Where.
     pub place: ReceiverPlace,
-    /// Its row; columns are indices into the whole [`PatchSet`].
+    /// Its row; columns are indices into the whole [`PatchSet`](crate::patches::PatchSet).
     pub row: RawRow,
 }
 

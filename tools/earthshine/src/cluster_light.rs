@@ -76,6 +76,7 @@ mod tests {
             patches: clusters.iter().enumerate().map(patch).collect(),
             points: clusters.iter().map(point).collect(),
             rows: ChunkRows::default(),
+            receivers: earthshine_world::Receivers::default(),
             occluders: earthshine_world::OccluderMesh::default(),
         }
     }
@@ -88,6 +89,7 @@ mod tests {
             irradiance: vec![Rgb::splat(10.0), Rgb::splat(20.0), Rgb::splat(40.0)],
             sky_irradiance: vec![Rgb::ZERO, Rgb::ZERO, Rgb::splat(8.0)],
             direct_exitance: vec![],
+            sky: earthshine_world::Sky::default(),
         };
         let layout = Layout { level: 0, origin: VoxelCoord::ZERO, dims: glam::UVec3::ONE, voxel_edge_m: 1.0 };
         let mut volume = Volume::new(layout).expect("a layout");

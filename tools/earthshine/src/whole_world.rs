@@ -34,7 +34,7 @@ pub(crate) struct WholeLight {
     pub(crate) sky_irradiance: Vec<Rgb>,
     pub(crate) direct_exitance: Vec<Rgb>,
     /// Of the lights that it was solved for.
-    sky: Sky,
+    pub(crate) sky: Sky,
 }
 
 impl WholeWorld {

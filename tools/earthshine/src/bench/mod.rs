@@ -25,7 +25,7 @@ use serde::Serialize;
   earthshine bench accuracy --scene cornell --builder clustered --clusters 3 --samples hammersley --json
   earthshine bench builders --scene cornell --markdown
   earthshine bench estimators --scene town --targets 0.04,0.02 --markdown
-  earthshine bench sphere --scene sponza.glb --lights sponza.lights.json --way "-8,1.5,0; 6,3,0.5"
+  earthshine bench sphere --scene sponza.glb --lights sponza.lights.json --way '-8,1.5,0; 6,3,0.5'
   earthshine bench matrix --swaps 10000 --json")]
 pub(crate) struct BenchArguments {
     #[command(subcommand)]
