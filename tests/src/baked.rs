@@ -1,6 +1,6 @@
 //! A scene becomes a world in a scratch folder that goes when the test ends.
 
-use earthshine_bake::{BakeOptions, BakeSummary, Silent, bake};
+use earthshine_bake::{BakeOptions, BakeSummary, Levels, Silent, bake};
 use earthshine_scene::{ImportOptions, Scene, light_rig, load_bytes};
 use earthshine_tiles::{BakeParameters, RowCodec};
 use earthshine_world::{Grid, LightRig};
@@ -45,12 +45,27 @@ pub fn imported(glb: &[u8]) -> Scene {
 }
 
 impl BakedWorld {
-    /// Bakes `scene` lit by `lights` into a folder called `name`.
+    /// Bakes level 0 of `scene` lit by `lights` into a folder called `name`.
     ///
     /// # Panics
     /// If there is no scratch folder, or the bake fails.
     #[must_use]
     pub fn new(name: &str, scene: &Scene, lights: LightRig, parameters: BakeParameters) -> Self {
+        Self::with_levels(name, scene, lights, parameters, Levels::Exactly(1))
+    }
+
+    /// As [`Self::new`], with coarse levels.
+    ///
+    /// # Panics
+    /// If there is no scratch folder, or the bake fails.
+    #[must_use]
+    pub fn with_levels(
+        name: &str,
+        scene: &Scene,
+        lights: LightRig,
+        parameters: BakeParameters,
+        levels: Levels,
+    ) -> Self {
         let folder = tempfile::tempdir().expect("a scratch folder");
         let path = folder.path().join(name);
         let options = BakeOptions {
@@ -59,6 +74,7 @@ impl BakedWorld {
             scene_name: name.to_owned(),
             lights,
             overwrite: false,
+            levels,
         };
         let summary = bake(scene, &path, &options, &Silent)
             .unwrap_or_else(|error| panic!("{name} does not bake: {error}"));

@@ -49,8 +49,8 @@ impl SolvedWorld {
     pub fn load(world: &Path) -> Self {
         let store = DirStore::open(world).expect("a world");
         let manifest = store.manifest();
-        let chunks: Vec<Chunk> =
-            manifest.chunks.iter().map(|entry| store.load(entry.id()).expect("a sound tile")).collect();
+        let finest = manifest.chunks.iter().filter(|entry| entry.level == 0);
+        let chunks: Vec<Chunk> = finest.map(|entry| store.load(entry.id()).expect("a sound tile")).collect();
         let mut occluders = OccluderSet::new();
         let mut first = BTreeMap::new();
         let mut count = 0;

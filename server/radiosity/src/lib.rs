@@ -15,6 +15,7 @@
 //! | stream patches in and out and light them | [`Backend`], [`CpuBackend`] |
 //! | work on `H` itself | [`LocalMatrix`]: exact block updates, products, drift probe, repair, fresh solve |
 //! | light a whole world at once | [`gather::gather`] over [`gather::SparseRows`] |
+//! | light some patches of a world, the rest by coarse parents | [`far_light::ResidentSet`] |
 //! | have the truth for a few hundred patches | [`multibounce::multibounce`], [`multibounce::series`] |
 //! | know a form factor in closed form, or join two estimates | [`form_factor`] |
 //! | check rows | [`invariant`] |
@@ -28,6 +29,7 @@ pub mod closed_box;
 mod cpu;
 pub mod dense;
 mod exchange;
+pub mod far_light;
 pub mod form_factor;
 pub mod gather;
 pub mod invariant;

@@ -14,6 +14,17 @@ pub struct OccluderMesh {
     pub surfaces: Vec<[u8; 4]>,
 }
 
+impl OccluderMesh {
+    /// Casters of coarse levels have their corners on a lattice with this edge, in voxels of their level.
+    pub const COARSE_CELL_VOXELS: f32 = 0.125;
+
+    /// How far a surface may lie from its caster, in voxels: nothing on level 0, half a diagonal of a lattice cell above.
+    #[must_use]
+    pub fn displacement_voxels(level: u8) -> f32 {
+        if level == 0 { 0.0 } else { 0.5 * 3f32.sqrt() * Self::COARSE_CELL_VOXELS }
+    }
+}
+
 /// Patches, rows and occluders of one chunk.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Chunk {

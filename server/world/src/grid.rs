@@ -25,6 +25,12 @@ impl ChunkId {
     pub fn new(level: u8, coord: ChunkCoord) -> Self {
         Self { level, coord }
     }
+
+    /// The chunk of the next coarser level that covers this one and seven others.
+    #[must_use]
+    pub fn parent(self) -> Self {
+        Self { level: self.level + 1, coord: self.coord.div_euclid(IVec3::splat(2)) }
+    }
 }
 
 impl PartialOrd for ChunkId {
@@ -59,6 +65,9 @@ impl Grid {
     /// Largest chunk edge: 22^3 voxels x 6 directions still number in a `u16`.
     pub const CHUNK_EDGE_VOXELS_MAX: u32 = 22;
 
+    /// Most steps of coarsening.
+    pub const LEVEL_MAX: u8 = 15;
+
     /// Edge of a chunk, m.
     #[must_use]
     pub fn chunk_edge_m(&self) -> f32 {
@@ -68,7 +77,7 @@ impl Grid {
     /// The same world `level` steps coarser.
     #[must_use]
     pub fn at_level(&self, level: u8) -> Self {
-        Self { voxel_edge_m: self.voxel_edge_m * f32::from(1u16 << level.min(15)), ..*self }
+        Self { voxel_edge_m: self.voxel_edge_m * f32::from(1u16 << level.min(Self::LEVEL_MAX)), ..*self }
     }
 
     /// The voxel that holds `position`.
@@ -81,6 +90,12 @@ impl Grid {
     #[must_use]
     pub fn chunk_of(&self, voxel: VoxelCoord) -> ChunkCoord {
         voxel.div_euclid(IVec3::splat(self.chunk_edge_voxels.cast_signed()))
+    }
+
+    /// The voxel of the next coarser level that covers `voxel` and seven others.
+    #[must_use]
+    pub fn parent_voxel(voxel: VoxelCoord) -> VoxelCoord {
+        voxel.div_euclid(IVec3::splat(2))
     }
 
     /// Centre of `voxel`, m.
@@ -145,6 +160,19 @@ mod tests {
         assert_eq!(grid.voxel_at(Vec3::new(-0.1, 0.0, 0.6)), IVec3::new(-1, 0, 1));
         assert_eq!(grid.chunk_of(IVec3::new(-1, 0, 16)), IVec3::new(-1, 0, 1));
         assert_eq!(grid.chunk_bounds(IVec3::new(-1, 0, 0)).max.x, 0.0);
+    }
+
+    #[test]
+    fn parents_cover_their_children() {
+        let fine = Grid { voxel_edge_m: 0.5, chunk_edge_voxels: 3 };
+        let coarse = fine.at_level(1);
+        for x in -20..20 {
+            let voxel = IVec3::new(x, -x, 2 * x + 1);
+            let parent = Grid::parent_voxel(voxel);
+            assert_eq!(parent, coarse.voxel_at(fine.voxel_centre(voxel)));
+            let chunk = ChunkId::new(0, fine.chunk_of(voxel));
+            assert_eq!(chunk.parent(), ChunkId::new(1, coarse.chunk_of(parent)));
+        }
     }
 
     #[test]

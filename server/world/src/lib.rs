@@ -14,6 +14,7 @@
 //! | [`receivers`] | rows without columns: light in empty air |
 //! | [`chunk`] | one chunk, whole |
 //! | [`index`] | what a world holds, before any tile is read |
+//! | [`lineage`] | which coarse patch stands for a patch |
 //! | [`light`] | sun, lamps, sky |
 //! | [`camera`] | who looks, from where, how fast |
 //! | [`random`] | every random number is a hash of (seed, purpose, index) |
@@ -24,6 +25,7 @@ pub mod direction;
 pub mod grid;
 pub mod index;
 pub mod light;
+pub mod lineage;
 pub mod patch;
 pub mod random;
 pub mod receivers;

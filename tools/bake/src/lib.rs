@@ -9,7 +9,8 @@
 //! 4. [`rows`]: cosine-weighted rays from each patch; what they hit is its row (or [`point_rows`]: sums over points);
 //! 5. [`reciprocity`]: both estimates of each pair become one, and rows sum to one again;
 //! 6. [`receivers`]: rows in the empty air near patches;
-//! 7. [`emit`]: chunks become tiles, the manifest is written last.
+//! 7. [`emit`]: chunks become tiles;
+//! 8. [`pyramid`]: coarse levels are merged from finer tiles; the manifest is written last.
 //!
 //! [`builder`] chooses among samples and patches, [`estimator`] among rows; `BUILDERS.md` compares them.
 //!
@@ -33,6 +34,7 @@ pub mod patches;
 pub mod places;
 pub mod point_rows;
 mod progress;
+pub mod pyramid;
 mod receiver_places;
 pub mod receivers;
 pub mod reciprocity;
@@ -43,11 +45,13 @@ mod stages;
 mod summary;
 #[cfg(test)]
 mod test_shapes;
+mod tile_files;
 mod voxel_map;
 
 // Whoever drives the stages one by one needs it.
 pub use earthshine_trace::SceneTracer;
 pub use error::BakeError;
 pub use progress::{Progress, Silent, Stage};
+pub use pyramid::Levels;
 pub use stages::{BakeOptions, bake};
-pub use summary::BakeSummary;
+pub use summary::{BakeSummary, LevelSummary};

@@ -188,7 +188,7 @@ fn sort_key(grid: &Grid, voxel: VoxelCoord, direction: Direction, ordinal: u8) -
 }
 
 /// Interleaves the low ten bits of three numbers.
-fn morton(local: [i32; 3]) -> u32 {
+pub(crate) fn morton(local: [i32; 3]) -> u32 {
     let spread = |value: i32| (0..10).fold(0u32, |code, bit| code | ((value as u32 >> bit & 1) << (3 * bit)));
     spread(local[0]) | spread(local[1]) << 1 | spread(local[2]) << 2
 }

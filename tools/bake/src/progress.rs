@@ -17,11 +17,13 @@ pub enum Stage {
     Receivers,
     /// Encoding and writing tiles; counted in tiles.
     Tiles,
+    /// Merging coarse levels; begins once a level, counted in its tiles.
+    Pyramid,
 }
 
 impl Stage {
     /// All stages, in order.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Tree,
         Self::Sample,
         Self::Exposure,
@@ -29,6 +31,7 @@ impl Stage {
         Self::Reciprocity,
         Self::Receivers,
         Self::Tiles,
+        Self::Pyramid,
     ];
 
     /// Lower-case name, as in summaries.
@@ -42,6 +45,7 @@ impl Stage {
             Self::Reciprocity => "reciprocity",
             Self::Receivers => "receivers",
             Self::Tiles => "tiles",
+            Self::Pyramid => "pyramid",
         }
     }
 
@@ -54,7 +58,7 @@ impl Stage {
             Self::Exposure => "points",
             Self::Rows | Self::Receivers => "rays",
             Self::Reciprocity => "rows",
-            Self::Tiles => "tiles",
+            Self::Tiles | Self::Pyramid => "tiles",
         }
     }
 }

@@ -6,17 +6,17 @@ use crate::emit::{Emitter, occluders_by_chunk};
 use crate::estimator::Estimator;
 use crate::exposure::Exposure;
 use crate::progress::{Progress, Stage};
+use crate::pyramid::{self, Levels};
 use crate::receivers::ReceiverBake;
 use crate::rows::{RawRow, RowCaster};
 use crate::sample::SurfaceSample;
+use crate::summary::LevelSummary;
+use crate::tile_files::TileFiles;
 use crate::{BakeError, BakeSummary, identity, reciprocity};
 use earthshine_scene::Scene;
-use earthshine_tiles::{
-    BakeParameters, ChunkEntry, EncodeOptions, Manifest, RowCodec, encode, format, tile_file_name,
-};
-use earthshine_tiles::{tile_hash, write_atomic};
+use earthshine_tiles::{BakeParameters, ChunkEntry, EncodeOptions, Manifest, RowCodec, format};
 use earthshine_trace::SceneTracer;
-use earthshine_world::{Chunk, Grid, LightRig, Vec3};
+use earthshine_world::{Grid, LightRig, Vec3};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -37,11 +37,14 @@ pub struct BakeOptions {
     pub lights: LightRig,
     /// Replace a world of another scene or other parameters.
     pub overwrite: bool,
+    /// Coarse levels on top of level 0.
+    pub levels: Levels,
 }
 
 /// Bakes `scene` into the folder `world`.
 ///
-/// A world that is whole and of the same hash is left alone. An interrupted bake goes on where it stopped.
+/// A world that is whole and of the same hash is left alone; if only its levels are not those wanted, they alone are
+/// made. An interrupted bake goes on where it stopped.
 ///
 /// # Errors
 /// [`BakeError`]; the world is then as it was, plus checkpoints.
@@ -56,8 +59,8 @@ pub fn bake(
     check(parameters)?;
     let world_hash = identity::world_hash(scene, parameters);
     let mut summary = BakeSummary { triangles: scene.triangles.len() as u64, ..BakeSummary::default() };
-    if is_up_to_date(world, world_hash, options)? {
-        return finished_before(world, summary);
+    if let Some(manifest) = finished_before(world, world_hash, options)? {
+        return relevelled(manifest, world, options, summary, progress);
     }
     check_size(scene, parameters)?;
     std::fs::create_dir_all(world).map_err(BakeError::io(world))?;
@@ -97,12 +100,15 @@ pub fn bake(
         occluders: &occluders,
         parameters,
     };
-    let chunks = written(&emitter, world, world_hash, options, progress)?;
+    let files = TileFiles { world, encoding: encoding(world_hash, options) };
+    let mut chunks = written(&emitter, &files, world_hash, progress)?;
+    clock.end(Stage::Tiles);
+    pyramid::build(&mut chunks, &files, parameters, options.levels, progress)?;
     let manifest = manifest(scene, world_hash, options, chunks);
     manifest.save(world)?;
     remove_unlisted(world, &manifest)?;
     Checkpoints::clear(world)?;
-    clock.end(Stage::Tiles);
+    clock.end(Stage::Pyramid);
     let absorbed: f64 = rows.iter().map(|row| f64::from(row.absorbed)).sum();
     summary.absorbed_share_mean = absorbed / rows.len() as f64;
     count(&mut summary, &manifest, started);
@@ -180,34 +186,61 @@ fn check_size(scene: &Scene, parameters: &BakeParameters) -> Result<(), BakeErro
     })
 }
 
-/// Whether `world` already is this bake. A world that is another one is only replaced when asked.
-fn is_up_to_date(world: &Path, world_hash: u64, options: &BakeOptions) -> Result<bool, BakeError> {
+/// The manifest of `world` if its level 0 is this bake's. A world that is another one is only replaced when asked.
+fn finished_before(
+    world: &Path,
+    world_hash: u64,
+    options: &BakeOptions,
+) -> Result<Option<Manifest>, BakeError> {
     if !world.join(Manifest::FILE_NAME).is_file() {
-        return Ok(false);
+        return Ok(None);
     }
     let manifest = match Manifest::load(world) {
         Ok(manifest) => manifest,
-        Err(_) if options.overwrite => return Ok(false),
+        Err(_) if options.overwrite => return Ok(None),
         Err(error) => return Err(error.into()),
     };
     if manifest.world_hash != world_hash {
         return if options.overwrite {
-            Ok(false)
+            Ok(None)
         } else {
             Err(BakeError::OtherWorld { path: world.to_owned(), scene: manifest.scene })
         };
     }
-    let whole = manifest.chunks.iter().all(|chunk| {
-        std::fs::metadata(world.join(&chunk.file)).is_ok_and(|file| file.len() == chunk.tile_bytes)
-    });
-    Ok(whole && manifest.lights == options.lights)
+    let is_whole =
+        manifest.chunks.iter().filter(|chunk| chunk.level == 0).all(|chunk| is_there(world, chunk));
+    Ok((is_whole && manifest.lights == options.lights).then_some(manifest))
 }
 
-fn finished_before(world: &Path, mut summary: BakeSummary) -> Result<BakeSummary, BakeError> {
-    let manifest = Manifest::load(world)?;
-    summary.up_to_date = true;
-    count(&mut summary, &manifest, Instant::now());
+fn is_there(world: &Path, chunk: &ChunkEntry) -> bool {
+    std::fs::metadata(world.join(&chunk.file)).is_ok_and(|file| file.len() == chunk.tile_bytes)
+}
+
+/// A finished world with the levels that are wanted; they are made afresh unless it has just these, whole.
+fn relevelled(
+    mut manifest: Manifest,
+    world: &Path,
+    options: &BakeOptions,
+    mut summary: BakeSummary,
+    progress: &dyn Progress,
+) -> Result<BakeSummary, BakeError> {
+    let started = Instant::now();
+    let is_whole = manifest.chunks.iter().all(|chunk| is_there(world, chunk));
+    summary.up_to_date = is_whole && options.levels.are(&pyramid::patch_counts(&manifest.chunks));
+    if !summary.up_to_date {
+        manifest.chunks.retain(|chunk| chunk.level == 0);
+        let files = TileFiles { world, encoding: encoding(manifest.world_hash, options) };
+        pyramid::build(&mut manifest.chunks, &files, &options.parameters, options.levels, progress)?;
+        manifest.save(world)?;
+        remove_unlisted(world, &manifest)?;
+        summary.spent(Stage::Pyramid, started.elapsed().as_secs_f64());
+    }
+    count(&mut summary, &manifest, started);
     Ok(summary)
+}
+
+fn encoding(world_hash: u64, options: &BakeOptions) -> EncodeOptions {
+    EncodeOptions { codec: options.codec, ..EncodeOptions::new(world_hash) }
 }
 
 fn traced(
@@ -255,45 +288,20 @@ fn traced(
 
 fn written(
     emitter: &Emitter<'_>,
-    world: &Path,
+    files: &TileFiles<'_>,
     world_hash: u64,
-    options: &BakeOptions,
     progress: &dyn Progress,
 ) -> Result<Vec<ChunkEntry>, BakeError> {
     let coords = emitter.chunk_coords();
     progress.begin(Stage::Tiles, coords.len() as u64);
-    let encoding = EncodeOptions { codec: options.codec, ..EncodeOptions::new(world_hash) };
     coords
         .par_iter()
         .map(|&coord| {
-            let chunk = emitter.chunk(coord)?;
-            let bytes = encode(&chunk, &encoding)?;
-            let entry = describe(&chunk, &bytes, world_hash);
-            let path = world.join(&entry.file);
-            if let Some(folder) = path.parent() {
-                std::fs::create_dir_all(folder).map_err(BakeError::io(folder))?;
-            }
-            write_atomic(&path, &bytes)?;
+            let entry = files.put(&emitter.chunk(coord)?, world_hash)?;
             progress.advance(1);
             Ok(entry)
         })
         .collect()
-}
-
-/// The manifest's line about a tile.
-fn describe(chunk: &Chunk, bytes: &[u8], world_hash: u64) -> ChunkEntry {
-    ChunkEntry {
-        level: chunk.id.level,
-        coord: chunk.id.coord.to_array(),
-        file: tile_file_name(chunk.id, tile_hash(bytes)),
-        tile_bytes: bytes.len() as u64,
-        tile_hash: tile_hash(bytes),
-        input_hash: world_hash,
-        patch_count: chunk.patches.len() as u32,
-        nonzero_count: chunk.rows.columns.len() as u64,
-        receiver_count: chunk.receivers.places.len() as u32,
-        receiver_nonzero_count: chunk.receivers.rows.columns.len() as u64,
-    }
 }
 
 fn manifest(scene: &Scene, world_hash: u64, options: &BakeOptions, chunks: Vec<ChunkEntry>) -> Manifest {
@@ -312,10 +320,10 @@ fn manifest(scene: &Scene, world_hash: u64, options: &BakeOptions, chunks: Vec<C
 /// them mapped keep them until they let go.
 fn remove_unlisted(world: &Path, manifest: &Manifest) -> Result<(), BakeError> {
     let listed: BTreeSet<PathBuf> = manifest.chunks.iter().map(|chunk| world.join(&chunk.file)).collect();
-    let folders: BTreeSet<&Path> = listed.iter().filter_map(|path| path.parent()).collect();
-    for folder in folders {
-        for entry in std::fs::read_dir(folder).map_err(BakeError::io(folder))? {
-            let path = entry.map_err(BakeError::io(folder))?.path();
+    // Folders of levels that this world no longer has are looked into too.
+    let folders: BTreeSet<&Path> = listed.iter().filter_map(|path| path.parent()?.parent()).collect();
+    for level in folders.into_iter().map(entries).collect::<Result<Vec<_>, _>>()?.concat() {
+        for path in entries(&level)? {
             if path.extension().is_some_and(|extension| extension == "tile") && !listed.contains(&path) {
                 std::fs::remove_file(&path).map_err(BakeError::io(&path))?;
             }
@@ -324,14 +332,26 @@ fn remove_unlisted(world: &Path, manifest: &Manifest) -> Result<(), BakeError> {
     Ok(())
 }
 
+/// What lies in `folder`; nothing if it is none.
+fn entries(folder: &Path) -> Result<Vec<PathBuf>, BakeError> {
+    if !folder.is_dir() {
+        return Ok(Vec::new());
+    }
+    std::fs::read_dir(folder)
+        .and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect())
+        .map_err(BakeError::io(folder))
+}
+
 fn count(summary: &mut BakeSummary, manifest: &Manifest, started: Instant) {
-    summary.patches = manifest.chunks.iter().map(|c| u64::from(c.patch_count)).sum();
-    summary.nonzeros = manifest.chunks.iter().map(|c| c.nonzero_count).sum();
+    summary.levels = LevelSummary::of(manifest);
+    if let Some(finest) = summary.levels.first() {
+        (summary.patches, summary.nonzeros) = (finest.patches, finest.nonzeros);
+        summary.chunks = finest.chunks;
+        summary.tile_bytes_per_nonzero = finest.bytes as f64 / finest.nonzeros.max(1) as f64;
+    }
+    summary.world_bytes = summary.levels.iter().map(|level| level.bytes).sum();
     summary.receivers = manifest.chunks.iter().map(|c| u64::from(c.receiver_count)).sum();
     summary.receiver_nonzeros = manifest.chunks.iter().map(|c| c.receiver_nonzero_count).sum();
-    summary.chunks = manifest.chunks.len() as u64;
-    summary.world_bytes = manifest.chunks.iter().map(|c| c.tile_bytes).sum();
-    summary.tile_bytes_per_nonzero = summary.world_bytes as f64 / summary.nonzeros.max(1) as f64;
     let size = manifest.bounds.size().as_dvec3();
     summary.bytes_per_km2 = summary.world_bytes as f64 / (size.x * size.z).max(1e-9) * 1e6;
     summary.seconds = started.elapsed().as_secs_f64();

@@ -1,13 +1,16 @@
 //! Whole bakes of generated scenes: the same bytes however they come about, sound rows, refusals.
 
-use earthshine_bake::{BakeError, BakeOptions, BakeSummary, Progress, Silent, Stage, bake, checkpoint};
+use earthshine_bake::pyramid::check::check_energy;
+use earthshine_bake::{
+    BakeError, BakeOptions, BakeSummary, Levels, Progress, Silent, Stage, bake, checkpoint,
+};
 use earthshine_gen::{GenOptions, WorldKind};
 use earthshine_scene::{ImportOptions, Scene};
 use earthshine_tiles::{
     BakeMethod, BakeParameters, DirStore, PatchBuilder, RowCodec, RowEstimator, SampleSource, TileStore,
     check_receivers, check_rows,
 };
-use earthshine_world::{Chunk, ChunkRows, Grid, LightRig, Vec3, VoxelCoord};
+use earthshine_world::{Chunk, ChunkRows, Grid, LightRig, PatchId, Vec3, VoxelCoord};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -26,6 +29,7 @@ fn options(voxel_edge_m: f32) -> BakeOptions {
         scene_name: "generated".to_owned(),
         lights: LightRig::emission_only(),
         overwrite: false,
+        levels: Levels::Auto,
     }
 }
 
@@ -74,6 +78,7 @@ fn methods() -> [BakeMethod; 3] {
 fn chunks(world: &Path) -> Vec<Chunk> {
     let store = DirStore::open(world).expect("a world");
     let index = store.manifest().index();
+    // All levels.
     index.chunks.iter().map(|chunk| store.load(chunk.id).expect("a sound tile")).collect()
 }
 
@@ -177,13 +182,70 @@ fn lamps_cast_more_rays_and_a_world_of_lamps_does_not() {
 }
 
 #[test]
+fn coarse_levels_have_the_energy_of_level_0_and_are_reciprocal() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let options = BakeOptions { levels: Levels::Exactly(4), ..options(0.4) };
+    let summary = bake(&scene(WorldKind::Cornell), folder.path(), &options, &Silent).expect("a bake");
+    let patches: Vec<u64> = summary.levels.iter().map(|level| level.patches).collect();
+    assert!(patches.len() == 4 && patches.is_sorted_by(|fine, coarse| fine > coarse), "{patches:?}");
+    assert_eq!(summary.levels[3].voxel_edge_m, 3.2);
+    let mut world: BTreeMap<_, _> =
+        chunks(folder.path()).into_iter().map(|chunk| (chunk.id, chunk)).collect();
+    let total = |level: u8, of: fn(&Chunk, usize) -> f32| -> f32 {
+        let of_level = world.values().filter(|chunk| chunk.id.level == level);
+        of_level.flat_map(|chunk| (0..chunk.patches.len()).map(move |i| of(chunk, i))).sum()
+    };
+    let area = total(0, |chunk, i| chunk.patches[i].area);
+    for level in 1..4 {
+        assert!((total(level, |chunk, i| chunk.patches[i].area) / area - 1.0).abs() < 1e-5);
+        let own = |chunk: &Chunk, i: usize| {
+            let here = |column| chunk.rows.patch_id(column) == PatchId { chunk: chunk.id, local: i as u16 };
+            chunk.rows.row(i).filter(|&(column, _)| here(column)).map(|(_, share)| share).sum::<f32>()
+        };
+        assert!(level < 3 || total(level, own) > 0.0, "half a box sees itself");
+    }
+    for chunk in world.values() {
+        assert_eq!(check_rows(chunk), Vec::new(), "chunk {}", chunk.id);
+        for (i, patch) in chunk.patches.iter().enumerate() {
+            assert!((1..=64).contains(&chunk.points_of(patch).len()));
+            let bounds = Grid { voxel_edge_m: 0.4, chunk_edge_voxels: 4 }.at_level(chunk.id.level);
+            assert_eq!(bounds.chunk_of(patch.voxel), chunk.id.coord, "patch {i}");
+        }
+    }
+    assert_eq!(check_energy(&world), Vec::new());
+    // The check is worth nothing if it finds nothing.
+    let victim = *world.keys().find(|id| id.level == 2).expect("a chunk of level 2");
+    world.get_mut(&victim).expect("it is there").patches[0].reflectance *= 1.01;
+    let faults = check_energy(&world);
+    assert!(faults.len() >= 1 && faults[0].patch.chunk == victim, "{faults:?}");
+    assert!(faults[0].what.starts_with("reflected"), "{faults:?}");
+}
+
+#[test]
+fn levels_are_changed_without_tracing() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (scene, [one, three]) =
+        (scene(WorldKind::Cornell), ["one", "three"].map(|name| folder.path().join(name)));
+    let with = |levels| BakeOptions { levels, ..options(0.4) };
+    bake(&scene, &three, &with(Levels::Exactly(3)), &Silent).expect("a bake");
+    bake(&scene, &one, &with(Levels::Exactly(1)), &Silent).expect("a bake");
+    let finest = files(&one);
+    let raised = bake(&scene, &one, &with(Levels::Exactly(3)), &Silent).expect("coarse levels");
+    assert!(!raised.up_to_date && raised.rays == 0 && raised.levels.len() == 3, "{raised:?}");
+    assert_eq!(files(&one), files(&three));
+    assert!(bake(&scene, &one, &with(Levels::Exactly(3)), &Silent).expect("nothing to do").up_to_date);
+    bake(&scene, &one, &with(Levels::Exactly(1)), &Silent).expect("coarse levels go");
+    assert_eq!(files(&one), finest);
+}
+
+#[test]
 fn a_closed_box_has_no_sky_and_its_area() {
     let folder = tempfile::tempdir().expect("a folder");
     let scene = scene(WorldKind::Furnace);
     let area: f32 = scene.triangles.iter().map(|[a, b, c]| (b - a).cross(c - a).length() * 0.5).sum();
     bake_with(2, &scene, folder.path(), &Silent);
     let (mut inside, mut sky) = (0.0, 0.0f32);
-    for chunk in chunks(folder.path()) {
+    for chunk in chunks(folder.path()).into_iter().filter(|chunk| chunk.id.level == 0) {
         for (row, patch) in chunk.patches.iter().enumerate() {
             if patch.emission.max_element() > 0.0 {
                 inside += patch.area;

@@ -5,7 +5,7 @@ use crate::progress_bars::BakeBars;
 use crate::quality::QualityArguments;
 use crate::scene_source;
 use clap::Args;
-use earthshine_bake::{BakeOptions, BakeSummary};
+use earthshine_bake::{BakeOptions, BakeSummary, Levels};
 use earthshine_scene::ImportReport;
 use earthshine_tiles::RowCodec;
 use std::path::PathBuf;
@@ -18,6 +18,7 @@ use std::path::PathBuf;
   earthshine bake cornell clusters.world --builder clustered --clusters 3
   earthshine bake cornell points.world --voxel 0.28 --samples hammersley --estimator points
   earthshine bake town town.world --row-error 0.02
+  earthshine bake town town.world --levels 3       (level 0 and two coarser ones)
 An interrupted bake goes on where it stopped: run the same command again.")]
 pub(crate) struct BakeArguments {
     /// A .glb or .gltf file, or the name of a generated scene (cornell, furnace, two-rooms, corridor, town).
@@ -26,6 +27,10 @@ pub(crate) struct BakeArguments {
     world: PathBuf,
     #[command(flatten)]
     quality: QualityArguments,
+    /// Levels of the pyramid, level 0 included: each next has voxels twice as large. `auto` ends with the first of 512
+    /// patches or fewer. Changing it alone traces nothing.
+    #[arg(long, default_value = "auto")]
+    levels: Levels,
     /// Lights JSON that goes into the world beside the scene's own.
     #[arg(long)]
     lights: Option<PathBuf>,
@@ -56,6 +61,7 @@ pub(crate) fn run(arguments: &BakeArguments) -> anyhow::Result<()> {
         scene_name: source.name,
         lights: source.lights,
         overwrite: arguments.overwrite,
+        levels: arguments.levels,
     };
     let bars = BakeBars::new(quiet);
     let summary = earthshine_bake::bake(&source.scene, &arguments.world, &options, &bars)?;
@@ -107,6 +113,16 @@ fn print_summary(summary: &BakeSummary, world: &std::path::Path) {
     if summary.receivers > 0 {
         let (receivers, nonzeros) = (summary.receivers, summary.receiver_nonzeros);
         out!("{receivers} receivers of light in the air, {nonzeros} form factors");
+    }
+    for level in summary.levels.iter().skip(1) {
+        out!(
+            "level {}: voxels of {} m, {} patches in {} chunks, {:.1} MB",
+            level.level,
+            level.voxel_edge_m,
+            level.patches,
+            level.chunks,
+            level.bytes as f64 / 1e6
+        );
     }
     if summary.buried_samples > 0 {
         out!("{} of {} points are buried and left out", summary.buried_samples, summary.samples);

@@ -11,7 +11,7 @@ use crate::scene_source::{self, SceneSource};
 use crate::view::{Comparison, ViewArguments};
 use anyhow::Context as _;
 use clap::Args;
-use earthshine_bake::{BakeOptions, BakeSummary};
+use earthshine_bake::{BakeOptions, BakeSummary, Levels};
 use earthshine_client::Lights;
 use earthshine_fly::{FlyFrame, FlyOptions, FlyReport, Path as FlyPath};
 use earthshine_gen::GenOptions;
@@ -110,6 +110,7 @@ fn bake(source: &SceneSource, world: &Path, voxel_edge_m: f32) -> anyhow::Result
         scene_name: source.name.clone(),
         lights: source.lights.clone(),
         overwrite: true,
+        levels: Levels::Auto,
     };
     let bars = BakeBars::new(false);
     let summary = earthshine_bake::bake(&source.scene, world, &options, &bars)?;

@@ -1,4 +1,4 @@
-//! A whole world in memory, solved at once: what `bench accuracy`, `render` and `compare` hold the service against.
+//! One level of a whole world in memory, solved at once: what `bench accuracy`, `render` and `compare` hold the service against.
 //!
 //! Not the service: no streaming, no local matrix. Fit for worlds of some hundred thousand patches.
 
@@ -8,7 +8,7 @@ use earthshine_light::{OccluderSet, Occluders, direct_irradiance};
 use earthshine_radiosity::gather::{GatherLimits, Sources, SparseRows, gather};
 use earthshine_tiles::{DirStore, Manifest, PatchBuilder, TileStore};
 use earthshine_volume::{Layout, Volume};
-use earthshine_world::{Chunk, ChunkId, ChunkRows, LightRig, Patch, Rgb, Sky};
+use earthshine_world::{Chunk, ChunkId, ChunkRows, Grid, LightRig, OccluderMesh, Patch, Rgb, Sky};
 use glam::IVec3;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -16,13 +16,16 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// A solve ends at this relative change, or after bounces whose light is below it even at reflectance 0.98.
-const LIMITS: GatherLimits = GatherLimits { tolerance: 1e-6, iterations_max: 600 };
+pub(crate) const LIMITS: GatherLimits = GatherLimits { tolerance: 1e-6, iterations_max: 600 };
 
-/// Every chunk of a world.
+/// Every chunk of one level of a world.
 pub(crate) struct WholeWorld {
     pub(crate) manifest: Manifest,
+    level: u8,
+    /// Of this level.
+    pub(crate) grid: Grid,
     chunks: Vec<Chunk>,
-    rows: SparseRows,
+    pub(crate) rows: SparseRows,
     /// Number of the first patch of each chunk.
     first: BTreeMap<ChunkId, u32>,
     occluders: OccluderSet,
@@ -38,11 +41,17 @@ pub(crate) struct WholeLight {
 }
 
 impl WholeWorld {
-    /// Reads and checks every tile.
+    /// Reads and checks every tile of level 0.
     pub(crate) fn load(world: &Path) -> anyhow::Result<Self> {
+        Self::load_level(world, 0)
+    }
+
+    /// Reads and checks every tile of `level`.
+    pub(crate) fn load_level(world: &Path, level: u8) -> anyhow::Result<Self> {
         let store = DirStore::open(world)?;
         let manifest = store.manifest().clone();
-        let ids: Vec<ChunkId> = manifest.index().chunks.iter().map(|chunk| chunk.id).collect();
+        let all = manifest.index().chunks;
+        let ids: Vec<ChunkId> = all.iter().map(|chunk| chunk.id).filter(|id| id.level == level).collect();
         let chunks: Vec<Chunk> = ids.par_iter().map(|&id| store.load(id)).collect::<Result<_, _>>()?;
         let mut occluders = OccluderSet::new();
         for (id, built) in
@@ -52,7 +61,19 @@ impl WholeWorld {
         }
         let first = first_patches(&chunks);
         let rows = global_rows(&chunks, &first)?;
-        Ok(Self { manifest, chunks, rows, first, occluders })
+        let grid = manifest.parameters.grid.at_level(level);
+        Ok(Self { manifest, level, grid, chunks, rows, first, occluders })
+    }
+
+    /// Every patch, chunk by chunk: the order of rows and of light.
+    pub(crate) fn patches(&self) -> impl Iterator<Item = &Patch> {
+        self.chunks.iter().flat_map(|chunk| &chunk.patches)
+    }
+
+    /// What comes to each patch straight from the sky of `rig`, lx.
+    pub(crate) fn sky_irradiance(&self, rig: &LightRig) -> Vec<Rgb> {
+        let shares = self.chunks.iter().flat_map(|chunk| &chunk.rows.sky_shares);
+        shares.map(|shares| rig.sky.irradiance(shares)).collect()
     }
 
     /// Every chunk, in the order of [`WholeLight`].
@@ -62,15 +83,13 @@ impl WholeWorld {
 
     /// Solves the light of `rig`, all bounces.
     pub(crate) fn solve(&self, rig: &LightRig) -> WholeLight {
-        let direct_exitance = self.direct_exitance(rig);
-        let patches = || self.chunks.iter().flat_map(|chunk| &chunk.patches);
-        let reflectance: Vec<Rgb> = patches().map(|patch| patch.reflectance).collect();
-        let sky_irradiance: Vec<Rgb> = self
-            .chunks
-            .iter()
-            .flat_map(|chunk| &chunk.rows.sky_shares)
-            .map(|shares| rig.sky.irradiance(shares))
-            .collect();
+        self.solve_exitance(self.direct_exitance(rig), rig)
+    }
+
+    /// Solves the light of `direct_exitance` and the sky of `rig`, all bounces.
+    pub(crate) fn solve_exitance(&self, direct_exitance: Vec<Rgb>, rig: &LightRig) -> WholeLight {
+        let reflectance: Vec<Rgb> = self.patches().map(|patch| patch.reflectance).collect();
+        let sky_irradiance = self.sky_irradiance(rig);
         let mut irradiance = vec![Rgb::ZERO; reflectance.len()];
         let sources = Sources {
             direct_exitance: &direct_exitance,
@@ -82,8 +101,10 @@ impl WholeWorld {
     }
 
     /// `rho * E_direct + emission` of every patch, lm/m2.
-    fn direct_exitance(&self, rig: &LightRig) -> Vec<Rgb> {
-        let epsilon = self.manifest.parameters.grid.voxel_edge_m * 1e-3;
+    ///
+    /// Casters of coarse levels are displaced: there rays start that far off.
+    pub(crate) fn direct_exitance(&self, rig: &LightRig) -> Vec<Rgb> {
+        let epsilon = self.grid.voxel_edge_m * OccluderMesh::displacement_voxels(self.level).max(1e-3);
         let seed = self.manifest.parameters.seed;
         self.chunks
             .par_iter()
@@ -107,15 +128,14 @@ impl WholeWorld {
         };
         let low = voxels().reduce(IVec3::min).context("the world has no patches")?;
         let high = voxels().reduce(IVec3::max).context("the world has no patches")?;
-        let edge = self.manifest.parameters.grid.voxel_edge_m;
+        let edge = self.grid.voxel_edge_m;
         let dims = (high - low + 1).as_uvec3();
         let mut volume = Volume::new(Layout { level: 0, origin: low, dims, voxel_edge_m: edge })?;
         if self.manifest.parameters.method.builder == PatchBuilder::Clustered {
             cluster_light::fill(&mut volume, &self.chunks, light);
             return Ok(volume);
         }
-        let patches = self.chunks.iter().flat_map(|chunk| &chunk.patches);
-        for (index, patch) in patches.enumerate() {
+        for (index, patch) in self.patches().enumerate() {
             let (all, sky) = (light.irradiance[index], light.sky_irradiance[index]);
             volume.set_patch(patch.voxel, patch.direction.index(), all, sky, u8::MAX);
         }
@@ -201,8 +221,7 @@ impl WholeWorld {
     /// Largest relative error of exitance over all patches of a closed, uniform, emitting box: there `B = E / (1 - rho)`.
     pub(crate) fn furnace_error(&self) -> f32 {
         let light = self.solve(&LightRig::emission_only());
-        let patches = self.chunks.iter().flat_map(|chunk| &chunk.patches);
-        patches
+        self.patches()
             .zip(light.direct_exitance.iter().zip(&light.irradiance))
             // Patches on the outside of the box emit nothing and see nothing.
             .filter(|(_, (own, _))| own.max_element() > 0.0)

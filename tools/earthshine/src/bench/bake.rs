@@ -7,7 +7,7 @@ use crate::quality::QualityArguments;
 use crate::{machine, scene_source};
 use anyhow::Context as _;
 use clap::Args;
-use earthshine_bake::{BakeOptions, BakeSummary};
+use earthshine_bake::{BakeOptions, BakeSummary, Levels};
 use earthshine_tiles::RowCodec;
 use serde::Serialize;
 use std::time::Instant;
@@ -54,6 +54,7 @@ pub(crate) fn run(arguments: &BakeBenchArguments, json: bool) -> anyhow::Result<
         scene_name: source.name.clone(),
         lights: source.lights.clone(),
         overwrite: false,
+        levels: Levels::Auto,
     };
     let folder = tempfile::tempdir().context("a scratch folder for the world")?;
     let bars = BakeBars::new(json);

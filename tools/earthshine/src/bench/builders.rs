@@ -11,7 +11,7 @@ use crate::volume_light;
 use crate::whole_world::WholeWorld;
 use anyhow::Context as _;
 use clap::Args;
-use earthshine_bake::{BakeError, BakeOptions, BakeSummary};
+use earthshine_bake::{BakeError, BakeOptions, BakeSummary, Levels};
 use earthshine_render::compare_points::{LightErrors, compare_points};
 use earthshine_render::csv::{self, ReferencePoint};
 use earthshine_render::{ReferenceOptions, SceneTracer, irradiance_at_points};
@@ -155,6 +155,7 @@ fn baked(
         scene_name: source.name.clone(),
         lights: source.lights.clone(),
         overwrite: false,
+        levels: Levels::Exactly(1),
     };
     let bars = BakeBars::new(quiet);
     let summary = earthshine_bake::bake(&source.scene, folder.path(), &options, &bars)?;

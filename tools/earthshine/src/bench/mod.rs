@@ -7,6 +7,7 @@ mod accuracy;
 mod bake;
 mod builders;
 mod estimators;
+mod far;
 mod matrix;
 mod moving_sphere;
 mod reference;
@@ -26,7 +27,8 @@ use serde::Serialize;
   earthshine bench builders --scene cornell --markdown
   earthshine bench estimators --scene town --targets 0.04,0.02 --markdown
   earthshine bench sphere --scene sponza.glb --lights sponza.lights.json --way '-8,1.5,0; 6,3,0.5'
-  earthshine bench matrix --swaps 10000 --json")]
+  earthshine bench matrix --swaps 10000 --json
+  earthshine bench far --scene sponza.glb --lights sponza.lights.json --voxel 1")]
 pub(crate) struct BenchArguments {
     #[command(subcommand)]
     suite: Suite,
@@ -53,6 +55,8 @@ enum Suite {
     Estimators(estimators::EstimatorsArguments),
     /// Rays, bytes and seconds of a bake.
     Bake(bake::BakeBenchArguments),
+    /// Far light by coarse levels against the whole world.
+    Far(far::FarArguments),
 }
 
 /// What every suite prints beside its own figures.
@@ -118,5 +122,6 @@ pub(crate) fn run(arguments: &BenchArguments) -> anyhow::Result<()> {
         Suite::Builders(suite) => builders::run(suite, arguments.json),
         Suite::Estimators(suite) => estimators::run(suite, arguments.json),
         Suite::Bake(suite) => bake::run(suite, arguments.json),
+        Suite::Far(suite) => far::run(suite, arguments.json),
     }
 }

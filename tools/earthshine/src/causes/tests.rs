@@ -3,7 +3,7 @@
 use super::{Cause, ExplainOptions, Explained, Explainer, rank};
 use crate::volume_light;
 use crate::whole_world::WholeWorld;
-use earthshine_bake::{BakeOptions, Silent};
+use earthshine_bake::{BakeOptions, Levels, Silent};
 use earthshine_render::csv::ReferencePoint;
 use earthshine_render::{ReferenceOptions, SceneTracer, irradiance_at_points};
 use earthshine_scene::{Material, Scene};
@@ -81,6 +81,7 @@ fn explained(
         scene_name: "test".to_owned(),
         lights: rig.clone(),
         overwrite: false,
+        levels: Levels::Exactly(1),
     };
     earthshine_bake::bake(scene, folder.path(), &options, &Silent).unwrap();
     let world = WholeWorld::load(folder.path()).unwrap();

@@ -13,7 +13,7 @@ const LISTED_MAX: usize = 12;
 /// What chunk `id` holds.
 pub(crate) fn chunk(store: &DirStore, id: ChunkId, json: bool) -> anyhow::Result<()> {
     let chunk = store.load(id)?;
-    let bounds = store.manifest().parameters.grid.chunk_bounds(id.coord);
+    let bounds = store.manifest().parameters.grid.at_level(id.level).chunk_bounds(id.coord);
     let area: f32 = chunk.patches.iter().map(|patch| patch.area).sum();
     let by_direction = Direction::ALL.map(|d| chunk.patches.iter().filter(|p| p.direction == d).count());
     let rows = chunk.rows.row_count().max(1) as f64;
@@ -25,7 +25,7 @@ pub(crate) fn chunk(store: &DirStore, id: ChunkId, json: bool) -> anyhow::Result
     let emitters = chunk.patches.iter().filter(|patch| patch.emission.max_element() > 0.0).count();
     if json {
         let summary = serde_json::json!({
-            "chunk": id.coord.to_array(), "patches": chunk.patches.len(), "patches_by_direction": by_direction,
+            "level": id.level, "chunk": id.coord.to_array(), "patches": chunk.patches.len(), "patches_by_direction": by_direction,
             "area_m2": area, "points": chunk.points.len(), "nonzeros": nonzeros, "seen_chunks": segments,
             "sky_share_mean": sky, "absorbed_share_mean": absorbed, "emitters": emitters,
             "emitted_lm": emitted.to_array(),
@@ -118,7 +118,7 @@ pub(crate) fn row(store: &DirStore, id: ChunkId, local: u16, json: bool) -> anyh
             .map(|(patch, share)| serde_json::json!({"chunk": patch.chunk.coord.to_array(), "patch": patch.local, "share": share}))
             .collect();
         let summary = serde_json::json!({
-            "chunk": id.coord.to_array(), "patch": local, "area_m2": patch.area, "sky_shares": chunk.rows.sky_shares[index],
+            "level": id.level, "chunk": id.coord.to_array(), "patch": local, "area_m2": patch.area, "sky_shares": chunk.rows.sky_shares[index],
             "absorbed_share": absorbed, "row_sum": chunk.rows.row_sum(index), "entries": entries,
         });
         out!("{summary}");

@@ -5,6 +5,7 @@ mod explain;
 mod verify;
 
 use clap::{Args, Subcommand};
+use earthshine_bake::LevelSummary;
 use earthshine_tiles::{DirStore, Manifest};
 use earthshine_world::ChunkId;
 use glam::IVec3;
@@ -34,17 +35,23 @@ enum What {
     Summary,
     /// One chunk in words.
     Chunk {
-        /// x,y,z in chunk edges.
+        /// x,y,z in chunk edges of its level.
         #[arg(value_parser = coordinates, allow_hyphen_values = true)]
         chunk: IVec3,
+        /// Level of the pyramid; 0 is the finest.
+        #[arg(long, default_value_t = 0)]
+        level: u8,
     },
     /// One row in words: where the light of a patch comes from.
     Row {
-        /// x,y,z in chunk edges.
+        /// x,y,z in chunk edges of its level.
         #[arg(value_parser = coordinates, allow_hyphen_values = true)]
         chunk: IVec3,
         /// Patch of that chunk.
         patch: u16,
+        /// Level of the pyramid; 0 is the finest.
+        #[arg(long, default_value_t = 0)]
+        level: u8,
     },
     /// The receivers of one voxel: where the light in its air comes from.
     Air {
@@ -52,7 +59,7 @@ enum What {
         #[arg(value_parser = coordinates, allow_hyphen_values = true)]
         voxel: IVec3,
     },
-    /// Every checksum, every row invariant, reciprocity across chunks.
+    /// Every checksum, every row invariant, reciprocity across chunks, energy across levels.
     Verify,
 }
 
@@ -71,27 +78,30 @@ pub(crate) fn run(arguments: &InspectArguments) -> anyhow::Result<()> {
     let store = DirStore::open(&arguments.world)?;
     match arguments.what.as_ref().unwrap_or(&What::Summary) {
         What::Summary => summary(store.manifest(), arguments.json),
-        What::Chunk { chunk } => explain::chunk(&store, ChunkId::new(0, *chunk), arguments.json),
-        What::Row { chunk, patch } => explain::row(&store, ChunkId::new(0, *chunk), *patch, arguments.json),
+        What::Chunk { chunk, level } => explain::chunk(&store, ChunkId::new(*level, *chunk), arguments.json),
+        What::Row { chunk, patch, level } => {
+            explain::row(&store, ChunkId::new(*level, *chunk), *patch, arguments.json)
+        }
         What::Air { voxel } => explain::air(&store, *voxel, arguments.json),
         What::Verify => verify::run(&store, arguments.json),
     }
 }
 
 fn summary(manifest: &Manifest, json: bool) -> anyhow::Result<()> {
-    let patches: u64 = manifest.chunks.iter().map(|chunk| u64::from(chunk.patch_count)).sum();
-    let nonzeros: u64 = manifest.chunks.iter().map(|chunk| chunk.nonzero_count).sum();
-    let bytes: u64 = manifest.chunks.iter().map(|chunk| chunk.tile_bytes).sum();
+    let levels = LevelSummary::of(manifest);
+    let LevelSummary { patches, nonzeros, chunks, bytes: finest_bytes, .. } =
+        levels.first().copied().unwrap_or_default();
+    let bytes: u64 = levels.iter().map(|level| level.bytes).sum();
     let receivers: u64 = manifest.chunks.iter().map(|chunk| u64::from(chunk.receiver_count)).sum();
     let size = manifest.bounds.size();
     let square_kilometres = f64::from(size.x) * f64::from(size.z) / 1e6;
     let per_km2 = bytes as f64 / square_kilometres.max(1e-12);
-    let per_nonzero = bytes as f64 / nonzeros.max(1) as f64;
+    let per_nonzero = finest_bytes as f64 / nonzeros.max(1) as f64;
     if json {
         let summary = serde_json::json!({
-            "scene": manifest.scene, "chunks": manifest.chunks.len(), "patches": patches, "nonzeros": nonzeros, "receivers": receivers,
+            "scene": manifest.scene, "chunks": chunks, "patches": patches, "nonzeros": nonzeros, "receivers": receivers,
             "world_bytes": bytes, "tile_bytes_per_nonzero": per_nonzero, "bytes_per_km2": per_km2,
-            "parameters": manifest.parameters, "bounds": manifest.bounds, "lights": manifest.lights.lights.len(),
+            "levels": levels, "parameters": manifest.parameters, "bounds": manifest.bounds, "lights": manifest.lights.lights.len(),
         });
         out!("{summary}");
         return Ok(());
@@ -100,7 +110,7 @@ fn summary(manifest: &Manifest, json: bool) -> anyhow::Result<()> {
     out!("scene       {}", manifest.scene);
     out!("size        {:.1} x {:.1} x {:.1} m, from {:.1}", size.x, size.y, size.z, manifest.bounds.min);
     out!("grid        voxels of {} m, chunks of {} m", grid.voxel_edge_m, grid.chunk_edge_m());
-    out!("chunks      {}", manifest.chunks.len());
+    out!("chunks      {chunks}");
     out!("patches     {patches}");
     out!("receivers   {receivers}");
     out!("non-zeros   {nonzeros} ({:.0} a row)", nonzeros as f64 / patches.max(1) as f64);
@@ -109,6 +119,17 @@ fn summary(manifest: &Manifest, json: bool) -> anyhow::Result<()> {
         bytes as f64 / 1e6,
         per_km2 / 1e6
     );
+    for level in levels.iter().skip(1) {
+        out!(
+            "level {:<5} voxels of {} m: {} chunks, {} patches, {} non-zeros, {:.2} MB",
+            level.level,
+            level.voxel_edge_m,
+            level.chunks,
+            level.patches,
+            level.nonzeros,
+            level.bytes as f64 / 1e6
+        );
+    }
     out!(
         "lights      {} and a sky of {:.0} cd/m2 upwards",
         manifest.lights.lights.len(),

@@ -1,8 +1,9 @@
-//! `inspect verify`: every checksum, every row, reciprocity across chunks.
+//! `inspect verify`: every checksum, every row, reciprocity across chunks, energy across levels.
 
 use crate::exit_code::FaultsFound;
 use crate::output::out;
 use crate::progress_bars;
+use earthshine_bake::pyramid::check::check_energy;
 use earthshine_tiles::{DirStore, TileStore, check_receivers, check_rows};
 use earthshine_world::{Chunk, ChunkId, PatchId};
 use rayon::prelude::*;
@@ -42,6 +43,10 @@ pub(crate) fn run(store: &DirStore, json: bool) -> anyhow::Result<()> {
     let not_mutual: Vec<String> =
         chunks.par_iter().flat_map_iter(|(_, chunk)| one_sided(chunk, &chunks)).collect();
     faults.extend(not_mutual);
+    // A chunk that could not be read is a fault already; its parents' sums would only repeat it.
+    if chunks.len() == ids.len() {
+        faults.extend(check_energy(&chunks).into_iter().map(|fault| fault.to_string()));
+    }
     report(&faults, chunks.len(), json)
 }
 

@@ -5,7 +5,7 @@ use crate::quality::QualityArguments;
 use crate::scene_source::SceneSource;
 use crate::whole_world::{WholeLight, WholeWorld};
 use anyhow::{Context as _, ensure};
-use earthshine_bake::{BakeOptions, identity};
+use earthshine_bake::{BakeOptions, Levels, identity};
 use earthshine_tiles::RowCodec;
 use earthshine_volume::Volume;
 use std::path::Path;
@@ -31,7 +31,7 @@ impl Measured {
         let volume = world.volume(&light)?;
         let solve_seconds = solving.elapsed().as_secs_f64();
         let chunks = &world.manifest.chunks;
-        let patches: u64 = chunks.iter().map(|chunk| u64::from(chunk.patch_count)).sum();
+        let patches = world.patches().count() as u64;
         let world_bytes = chunks.iter().map(|chunk| chunk.tile_bytes).sum();
         let absorbed: f64 = world
             .chunks()
@@ -66,6 +66,7 @@ pub(in crate::bench) fn baked(
         scene_name: source.name.clone(),
         lights: source.lights.clone(),
         overwrite: false,
+        levels: Levels::Exactly(1),
     };
     let bars = BakeBars::new(quiet);
     let summary = earthshine_bake::bake(&source.scene, folder.path(), &options, &bars)?;
