@@ -83,6 +83,11 @@ impl Assembly {
         Ok(complete && self.held.values().all(|held| held.arriving.is_none()))
     }
 
+    /// Whether `volume` is of level 0, which speaks for the whole.
+    pub(crate) fn is_finest(&self, volume: u32) -> bool {
+        self.back.volume(volume).is_some_and(|volume| volume.layout().level == 0)
+    }
+
     /// The generation held of `volume`, to be acknowledged.
     pub(crate) fn generation(&self, volume: u32) -> u64 {
         self.held.get(&volume).map_or(0, |held| held.generation)

@@ -115,6 +115,10 @@ impl Light {
             volume.clear();
         }
         decode::apply_delta(delta, volume);
+        // The finest level comes last and speaks for the whole.
+        if volume.layout().level > 0 {
+            return;
+        }
         self.camera_sequence = delta.camera_sequence;
         self.time_s = delta.time_s;
         if let Some(frame) = delta.frame {

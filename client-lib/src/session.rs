@@ -4,7 +4,7 @@ use crate::{
     ClientError, Light, assembly::Assembly, camera::vector_from_wire, outbox::Outbox, statistics::Counters,
 };
 use earthshine_protocol::{
-    MESSAGE_BYTES_MAX, PROTOCOL_MAX, PROTOCOL_MIN, TEXT_BYTES_MAX,
+    MESSAGE_BYTES_MAX, PROTOCOL_MAX, PROTOCOL_MIN, TEXT_BYTES_MAX, VOLUMES_MAX,
     v1::{
         self, client_message::Message as ToServer, lighting_client::LightingClient,
         server_message::Message as FromServer,
@@ -161,7 +161,10 @@ fn hello(options: &ClientOptions) -> Result<v1::Hello, ClientError> {
         protocol_max: PROTOCOL_MAX,
         client_name: options.name.clone(),
         world: options.world.clone(),
-        volumes: vec![v1::VolumeWanted { level: 0, dims_max: Some(v1::Dims { x, y, z }) }],
+        // Every level that there may be: the server sends those of its world.
+        volumes: (0..VOLUMES_MAX as u32)
+            .map(|level| v1::VolumeWanted { level, dims_max: Some(v1::Dims { x, y, z }) })
+            .collect(),
     })
 }
 
@@ -239,7 +242,9 @@ impl Shared {
                 }
                 if is_whole {
                     // Counted first: whoever is woken by the light finds its latency.
-                    self.counters().frame(sequence, Instant::now());
+                    if assembly.is_finest(volume) {
+                        self.counters().frame(sequence, Instant::now());
+                    }
                     assembly.publish(front);
                 }
                 Ok(())

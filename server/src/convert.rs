@@ -68,7 +68,7 @@ pub(crate) struct Greeting {
     /// For the log.
     pub(crate) client_name: String,
     /// Most voxels of the level 0 volume; `None` for the server's choice.
-    pub(crate) dims_wanted: Option<UVec3>,
+    pub(crate) volumes_wanted: VolumesWanted,
 }
 
 impl Request {
@@ -102,7 +102,7 @@ fn greeting(hello: v1::Hello, world: &str) -> Result<Greeting, Refusal> {
         return Err(Refusal::invalid(format!("the client's name is longer than {TEXT_BYTES_MAX} bytes")));
     }
     check_world(wanted.as_deref(), world)?;
-    Ok(Greeting { protocol, client_name, dims_wanted: dims_wanted(&volumes)? })
+    Ok(Greeting { protocol, client_name, volumes_wanted: volumes_wanted(&volumes)? })
 }
 
 /// Whether `wanted` is what is served.
@@ -120,30 +120,55 @@ pub(crate) fn check_world(wanted: Option<&str>, served: &str) -> Result<(), Refu
     }
 }
 
-fn dims_wanted(volumes: &[v1::VolumeWanted]) -> Result<Option<UVec3>, Refusal> {
+/// The volumes that a client has room for.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum VolumesWanted {
+    /// Whatever the server likes.
+    Any,
+    /// These levels, each with most voxels along the axes; level 0 is one of them.
+    These(Vec<(u8, Option<UVec3>)>),
+}
+
+impl VolumesWanted {
+    /// Voxels of the volume of `level`, at most `most`; `None` if it is not wanted.
+    pub(crate) fn dims_of(&self, level: u8, most: UVec3) -> Option<UVec3> {
+        match self {
+            Self::Any => Some(most),
+            Self::These(wanted) => {
+                let (_, dims) = wanted.iter().find(|(wanted, _)| *wanted == level)?;
+                Some(dims.map_or(most, |dims| dims.min(most)))
+            }
+        }
+    }
+}
+
+fn volumes_wanted(volumes: &[v1::VolumeWanted]) -> Result<VolumesWanted, Refusal> {
     if volumes.len() > VOLUMES_MAX {
         return Err(Refusal::invalid(format!(
             "{} volumes wanted, at most {VOLUMES_MAX} are possible",
             volumes.len()
         )));
     }
-    let mut finest = volumes.iter().filter(|wanted| wanted.level == 0);
-    let Some(wanted) = finest.next() else {
-        let nothing = volumes.is_empty();
-        return if nothing {
-            Ok(None)
-        } else {
-            Err(Refusal::invalid("only level 0 is served: want a volume of it"))
-        };
-    };
-    if finest.next().is_some() {
-        return Err(Refusal::invalid("two volumes of level 0 are wanted: one a level"));
+    if volumes.is_empty() {
+        return Ok(VolumesWanted::Any);
     }
-    let dims = wanted.dims_max.map(|dims| UVec3::new(dims.x, dims.y, dims.z));
-    if dims.is_some_and(|dims| dims.min_element() == 0) {
-        return Err(Refusal::invalid("a volume without voxels is wanted: give each axis at least 1"));
+    let mut wanted: Vec<(u8, Option<UVec3>)> = Vec::with_capacity(volumes.len());
+    for volume in volumes {
+        // A level beyond all worlds is one that this world does not have.
+        let level = u8::try_from(volume.level).unwrap_or(u8::MAX);
+        let dims = volume.dims_max.map(|dims| UVec3::new(dims.x, dims.y, dims.z));
+        if wanted.iter().any(|&(other, _)| other == level) {
+            return Err(Refusal::invalid(format!("two volumes of level {level} are wanted: one a level")));
+        }
+        if dims.is_some_and(|dims| dims.min_element() == 0) {
+            return Err(Refusal::invalid("a volume without voxels is wanted: give each axis at least 1"));
+        }
+        wanted.push((level, dims));
     }
-    Ok(dims)
+    if wanted.iter().all(|&(level, _)| level != 0) {
+        return Err(Refusal::invalid("no volume of level 0 is wanted: it is the one that is always served"));
+    }
+    Ok(VolumesWanted::These(wanted))
 }
 
 fn vector(wire: Option<v1::Vector3>) -> Vec3 {

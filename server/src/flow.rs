@@ -35,6 +35,11 @@ impl Flow {
         self.held
     }
 
+    /// The generation that the client holds once all that is on its way has come.
+    pub(crate) fn newest(&self) -> u64 {
+        self.in_flight.back().copied().unwrap_or(self.held)
+    }
+
     /// A delta to `generation` went out.
     pub(crate) fn sent(&mut self, generation: u64) {
         self.in_flight.push_back(generation);
@@ -42,8 +47,7 @@ impl Flow {
 
     /// The client holds `generation`. Less than before means that it lost what it had: it is sent again.
     pub(crate) fn acknowledge(&mut self, generation: u64) -> Result<(), UnknownGeneration> {
-        let newest = self.in_flight.back().copied().unwrap_or(self.held);
-        if generation > newest {
+        if generation > self.newest() {
             return Err(UnknownGeneration);
         }
         if generation < self.held || generation == 0 {

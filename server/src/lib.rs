@@ -31,12 +31,14 @@ mod convert;
 mod engine_thread;
 mod error;
 mod flow;
+mod lineage;
 mod listener;
 mod metrics;
 mod publish;
 mod server;
 mod session;
 pub mod shutdown;
+mod streams;
 mod tile_loader;
 
 pub use config::{BackendKind, Config, ConfigError, ServeArgs};

@@ -45,7 +45,8 @@ impl VoxelCodes {
         self.air |= u8::from(is_air) << direction;
         self.irradiance[direction] = rgb9e5::encode(patch.irradiance);
         self.sky_irradiance[direction] = rgb9e5::encode(patch.sky_irradiance);
-        self.quality[direction] = (patch.known_share.clamp(0.0, 1.0) * 255.0).round() as u8;
+        let rests_on = patch.known_share + patch.fed_share;
+        self.quality[direction] = (rests_on.clamp(0.0, 1.0) * 255.0).round() as u8;
     }
 
     /// Takes the directions of `other` that it has nothing on.
@@ -96,6 +97,8 @@ pub(crate) struct Caption {
 /// Voxels that changed, ready for the wire.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Changes {
+    /// Of the volume.
+    pub(crate) level: u8,
     /// The generation that the client must hold; 0 for none.
     pub(crate) from: u64,
     /// The generation that it holds afterwards.
@@ -124,12 +127,12 @@ pub(crate) struct DeltaStore {
 }
 
 impl DeltaStore {
-    /// An empty volume of `dims` voxels that moves in steps of `snap_voxels`.
-    pub(crate) fn new(dims: UVec3, voxel_edge_m: f32, snap_voxels: u32) -> Self {
+    /// An empty volume of `level` and `dims` voxels that moves in steps of `snap_voxels`.
+    pub(crate) fn new(level: u8, dims: UVec3, voxel_edge_m: f32, snap_voxels: u32) -> Self {
         // A volume smaller than two steps would lose its camera between them.
         let snap = snap_voxels.min(dims.min_element() / 2).max(1).cast_signed();
         Self {
-            layout: Layout { level: 0, origin: IVec3::ZERO, dims, voxel_edge_m },
+            layout: Layout { level, origin: IVec3::ZERO, dims, voxel_edge_m },
             snap,
             placed: false,
             entries: Vec::new(),
@@ -163,8 +166,9 @@ impl DeltaStore {
         let changed = self.merge(frame, next);
         let caption =
             Caption { camera_sequence: camera.sequence, quality: frame.quality, time_s: frame.time_s };
-        // Time alone is no news.
-        let said = Caption { time_s: self.caption.time_s, ..caption } != self.caption;
+        // Time alone is no news, and what is said of the whole is said with level 0.
+        let said =
+            self.layout.level == 0 && Caption { time_s: self.caption.time_s, ..caption } != self.caption;
         self.caption = caption;
         if moved || changed || said {
             self.generation = next;
@@ -238,8 +242,11 @@ impl DeltaStore {
 
     /// The frame's light inside the volume, voxel by voxel, ascending by index.
     fn codes_of(&self, frame: &Frame) -> Vec<(IVec3, VoxelCodes)> {
-        let mut voxels: Vec<(IVec3, VoxelCodes)> = Vec::with_capacity(frame.patches.len());
-        for (lights, is_air) in [(&frame.patches, false), (&frame.receivers, true)] {
+        let patches = frame.patches_of(self.layout.level);
+        // Light in the air is of level 0 alone.
+        let air = if self.layout.level == 0 { &frame.receivers[..] } else { &[] };
+        let mut voxels: Vec<(IVec3, VoxelCodes)> = Vec::with_capacity(patches.len());
+        for (lights, is_air) in [(patches, false), (air, true)] {
             for group in lights.chunk_by(|a, b| a.voxel == b.voxel) {
                 if self.layout.index_of(group[0].voxel).is_some() {
                     let mut codes = VoxelCodes::EMPTY;
@@ -278,7 +285,7 @@ impl DeltaStore {
             .filter(|entry| entry.changed > from && (from > 0 || entry.codes.present != 0))
             .filter_map(|entry| Some((self.layout.index_of(entry.voxel)?, entry.codes)))
             .collect();
-        Some(Changes { from, to: self.generation, voxels, caption: self.caption })
+        Some(Changes { level: self.layout.level, from, to: self.generation, voxels, caption: self.caption })
     }
 }
 

@@ -5,12 +5,11 @@
 //! hello, idle, drain. Start at [`run`].
 
 use crate::config::{Config, load::seconds};
-use crate::convert::reply::{self, Limits, SessionCounts, VOLUME};
+use crate::convert::reply::{self, Limits, SessionCounts};
 use crate::convert::{ErrorCode, Greeting, Refusal, Request};
 use crate::engine_thread::{FrameSlot, Mailbox, Opening, SharedReport};
-use crate::flow::Flow;
 use crate::metrics::Metrics;
-use crate::publish::DeltaStore;
+use crate::streams::{Streams, VolumeLimits};
 use earthshine_engine::SessionId;
 use earthshine_protocol::v1::{ClientMessage, ServerMessage};
 use earthshine_world::{Camera, WorldIndex};
@@ -138,7 +137,7 @@ async fn converse(
     outbound: &Outbound,
 ) -> End {
     let config = &shared.config;
-    let Greeting { protocol, client_name, dims_wanted } = greeting;
+    let Greeting { protocol, client_name, volumes_wanted } = greeting;
     let (publish, frames) = watch::channel(None);
     let mailbox = Arc::new(Mailbox::default());
     let opening = Opening { session, mailbox: Arc::clone(&mailbox), frames: publish };
@@ -156,16 +155,17 @@ async fn converse(
     if outbound.send(Ok(welcome)).await.is_err() {
         return End::Left;
     }
-    let most = UVec3::from_array(config.volume_dims_max);
-    let dims = dims_wanted.map_or(most, |wanted| wanted.min(most));
+    let limits = VolumeLimits {
+        dims_max: UVec3::from_array(config.volume_dims_max),
+        snap_voxels: config.volume_snap_voxels,
+        in_flight_max: config.deltas_in_flight_max,
+    };
     let conversation = Conversation {
         shared,
         session,
         mailbox,
         frames,
-        is_news: false,
-        store: DeltaStore::new(dims, shared.index.grid.voxel_edge_m, config.volume_snap_voxels),
-        flow: Flow::new(config.deltas_in_flight_max),
+        streams: Streams::new(&volumes_wanted, &shared.index, limits),
         frame_number: 0,
         camera_waiting: None,
         camera_at: Instant::now(),
@@ -186,10 +186,7 @@ struct Conversation<'a> {
     session: SessionId,
     mailbox: Arc<Mailbox>,
     frames: watch::Receiver<FrameSlot>,
-    /// Whether there is something the client has not been sent.
-    is_news: bool,
-    store: DeltaStore,
-    flow: Flow,
+    streams: Streams,
     /// Of the last frame sent.
     frame_number: u64,
     /// Came too early after the one before.
@@ -206,7 +203,7 @@ impl Conversation<'_> {
         let mut statistics = interval(seconds(config.statistics_interval_s));
         statistics.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
-            let may_send = self.is_news && self.flow.has_room();
+            let may_send = self.streams.may_send();
             tokio::select! {
                 () = self.shared.stop.cancelled() => return draining().into(),
                 () = outbound.closed() => return End::Left,
@@ -220,9 +217,9 @@ impl Conversation<'_> {
                         },
                     }
                 }
-                changed = self.frames.changed(), if !self.is_news => match changed {
+                changed = self.frames.changed(), if !self.streams.are_all_news() => match changed {
                     Err(_) => return engine_gone().into(),
-                    Ok(()) => self.is_news = true,
+                    Ok(()) => self.streams.mark_news(),
                 },
                 // A move and a delta.
                 room = outbound.reserve_many(2), if may_send => match room {
@@ -287,30 +284,25 @@ impl Conversation<'_> {
     }
 
     fn take_ack(&mut self, volume: u32, generation: u64) {
-        if volume != VOLUME || self.flow.acknowledge(generation).is_err() {
+        if !self.streams.acknowledge(volume, generation) {
             self.ignore();
-            return;
         }
-        self.store.forget_emptied(self.flow.held());
-        // It holds less than it was sent: it lost something, which no new frame is needed to tell.
-        self.is_news |= self.flow.is_empty() && self.flow.held() < self.store.generation();
     }
 
     fn send_light(&mut self, mut send: impl FnMut(ServerMessage)) {
-        self.is_news = false;
         let Some(published) = self.frames.borrow_and_update().clone() else { return };
         let metrics = &self.shared.metrics;
         let skipped = published.frame.number.saturating_sub(self.frame_number + 1);
         self.counts.frames_skipped += skipped;
         metrics.frames_skipped.inc_by(skipped);
         self.frame_number = published.frame.number;
-        if self.store.absorb(&published.frame, published.camera) {
-            send(reply::volume(&self.store));
+        let Some((moved, changes)) = self.streams.next(&published) else { return };
+        if let Some(store) = moved {
+            send(reply::volume(store));
         }
-        if let Some(changes) = self.store.delta_since(self.flow.held()) {
+        if let Some(changes) = changes {
             metrics.deltas.inc();
             metrics.delta_voxels.inc_by(changes.voxels.len() as u64);
-            self.flow.sent(changes.to);
             send(reply::delta(&changes));
         }
     }

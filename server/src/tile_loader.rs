@@ -4,6 +4,7 @@
 //! queue is bounded: while it is full the threads wait, so a busy engine slows the disk and not the reverse.
 //! It decides nothing about residency. Start at [`TileLoader::start`].
 
+use crate::lineage::LineageCache;
 use crate::metrics::Metrics;
 use earthshine_engine::Event;
 use earthshine_light::Occluders;
@@ -131,6 +132,7 @@ impl TileLoader {
         metrics: &Arc<Metrics>,
     ) -> std::io::Result<Self> {
         let requests = Arc::new(TileRequests::new(requests_max));
+        let lineages = Arc::new(LineageCache::default());
         let mut threads = Vec::new();
         for index in 0..thread_count {
             let worker = Worker {
@@ -138,6 +140,7 @@ impl TileLoader {
                 requests: Arc::clone(&requests),
                 answers: answers.clone(),
                 metrics: Arc::clone(metrics),
+                lineages: Arc::clone(&lineages),
             };
             let builder = std::thread::Builder::new().name(format!("earthshine-tile-{index}"));
             match builder.spawn(move || worker.run()) {
@@ -157,6 +160,7 @@ struct Worker {
     requests: Arc<TileRequests>,
     answers: SyncSender<Event>,
     metrics: Arc<Metrics>,
+    lineages: Arc<LineageCache>,
 }
 
 impl Worker {
@@ -198,7 +202,8 @@ impl Worker {
                 // From here on the built occluders stand for the mesh; keeping both would double its memory.
                 let mesh = std::mem::take(&mut chunk.occluders);
                 let occluders = Arc::new(Occluders::build(&mesh));
-                Some(Event::TileDecoded { chunk: Arc::new(chunk), occluders })
+                let lineage = self.lineages.of(&self.store, &chunk);
+                Some(Event::TileDecoded { chunk: Arc::new(chunk), occluders, lineage })
             }
         }
     }
@@ -208,6 +213,7 @@ impl Worker {
 mod tests {
     use super::*;
     use earthshine_tiles::TileError;
+    use earthshine_world::lineage::Parents;
     use earthshine_world::{Chunk, ChunkRows, OccluderMesh};
     use std::sync::mpsc::{Receiver, sync_channel};
     use std::time::Duration;
@@ -218,6 +224,10 @@ mod tests {
     }
 
     impl TileStore for GatedStore {
+        fn parents(&self, _id: ChunkId) -> Result<Option<Parents>, TileError> {
+            Ok(None)
+        }
+
         fn load(&self, id: ChunkId) -> Result<Chunk, TileError> {
             self.gate.lock().unwrap().recv().unwrap();
             assert_ne!(id.coord.x, -1, "this chunk panics");

@@ -25,11 +25,15 @@ pub struct ServedPatch {
     pub quality: f32,
 }
 
-/// Everything a client was told of surfaces, by place.
+/// Patches by place.
+pub type PatchPlaces = BTreeMap<PatchPlace, ServedPatch>;
+
+/// Everything a client was told of surfaces on level 0, by place.
 #[must_use]
-pub fn served_patches(light: &Light) -> BTreeMap<PatchPlace, ServedPatch> {
+pub fn served_patches(light: &Light) -> PatchPlaces {
     let mut patches = BTreeMap::new();
-    for (voxel, told) in light.volumes().iter().flat_map(earthshine_volume::Volume::iter) {
+    let finest = light.volumes().iter().filter(|volume| volume.layout().level == 0);
+    for (voxel, told) in finest.flat_map(earthshine_volume::Volume::iter) {
         for direction in (0..6).filter(|&direction| told.has(direction) && !told.is_air(direction)) {
             let patch = ServedPatch {
                 irradiance: told.irradiance[direction],

@@ -8,6 +8,7 @@
 //! Directions are indices 0..6 in the order +X -X +Y -Y +Z -Z.
 
 pub mod layout;
+mod level_blend;
 pub mod lookup;
 pub mod rgb9e5;
 pub mod volume;

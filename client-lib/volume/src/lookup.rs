@@ -3,7 +3,8 @@
 //! `I(x, n) = sum_a n_a^2 I_a(x)` over the three directions that `n` faces. `I_a` is trilinear over the eight
 //! voxels around `x + 0.25 voxel * n`; voxels without light on that direction are skipped and the rest is
 //! divided by the weight that is left. A direction with nothing left gives its `n_a^2` to the others; a
-//! volume with nothing at all leaves the point to the next coarser one.
+//! volume with nothing at all leaves the point to the next coarser one, and one that ends nearby shares it with that
+//! (`level_blend`).
 //!
 //! Light comes from surfaces (patches) and from the air (receivers). Two things are the air's alone, and both fade
 //! with its share, so that what moves through the air never meets a step:
@@ -14,7 +15,7 @@
 //!   linearly with the normal (a sky's) is read exactly, at slanted normals too. What it takes away
 //!   is limited to a quarter of the sum, because a lamp does not darken what turns away from it.
 
-use crate::Volume;
+use crate::{Volume, level_blend};
 use glam::{IVec3, Vec3};
 use std::borrow::Borrow;
 
@@ -40,19 +41,50 @@ pub struct LookedUp {
     pub sky_irradiance: Vec3,
     /// Share of the surroundings that the light rests on, 0..=1.
     pub quality: f32,
-    /// Level of the volume that answered: 0 is the finest.
+    /// Level of the finest volume that answered: 0 is the finest of all.
     pub level: u8,
 }
 
 /// Light at `position` (m) on a surface with `normal` (any length but zero), from the first of `volumes`
-/// (finest first) that has any. `None` where none has, and for numbers that are not finite.
+/// (finest first) that has any, shared with the next where that one ends. `None` where none has, and for numbers that are not finite.
 #[must_use]
 pub fn lookup<V: Borrow<Volume>>(volumes: &[V], position: Vec3, normal: Vec3) -> Option<LookedUp> {
     let normal = normal.try_normalize()?;
     if !position.is_finite() {
         return None;
     }
-    volumes.iter().find_map(|volume| lookup_in(volume.borrow(), position, normal))
+    let mut total = Sum::default();
+    let mut answered = None;
+    for (at, volume) in volumes.iter().enumerate() {
+        let volume = volume.borrow();
+        let Some(found) = lookup_in(volume, position, normal) else { continue };
+        let coarser = volumes.get(at + 1).map(Borrow::borrow);
+        let kept = 1.0 - coarser.map_or(0.0, |coarser| share_of_coarser(volume, coarser, position, normal));
+        let weight = (1.0 - total.weight) * kept;
+        total.add(weight, found.irradiance, found.sky_irradiance, found.quality);
+        answered = answered.or(Some(found.level));
+        if kept >= 1.0 {
+            break;
+        }
+    }
+    let Sum { irradiance, sky_irradiance, quality, .. } = total.mean()?;
+    Some(LookedUp { irradiance, sky_irradiance, quality, level: answered? })
+}
+
+/// The lowest of the eight voxels around what `position` reads in `volume`, and its place between them.
+fn corners(volume: &Volume, position: Vec3, normal: Vec3) -> Option<(IVec3, Vec3)> {
+    let layout = volume.layout();
+    // In voxels from the centre of the lowest one.
+    let local =
+        position / layout.voxel_edge_m + NORMAL_OFFSET_VOXELS * normal - 0.5 - layout.origin.as_vec3();
+    let is_near = local.cmpge(Vec3::splat(-1.0)).all() && local.cmple(layout.dims.as_vec3()).all();
+    let low = local.floor();
+    is_near.then(|| (layout.origin + low.as_ivec3(), local - low))
+}
+
+fn share_of_coarser(fine: &Volume, coarse: &Volume, position: Vec3, normal: Vec3) -> f32 {
+    let Some((low, fraction)) = corners(fine, position, normal) else { return 0.0 };
+    level_blend::share_of_coarser(fine, coarse, low, fraction, normal)
 }
 
 #[derive(Clone, Copy, Default)]
@@ -91,18 +123,7 @@ impl Sum {
 }
 
 fn lookup_in(volume: &Volume, position: Vec3, normal: Vec3) -> Option<LookedUp> {
-    let layout = volume.layout();
-    // In voxels from the centre of the lowest one.
-    let local =
-        position / layout.voxel_edge_m + NORMAL_OFFSET_VOXELS * normal - 0.5 - layout.origin.as_vec3();
-    let is_near = local.cmpge(Vec3::splat(-1.0)).all() && local.cmple(layout.dims.as_vec3()).all();
-    if !is_near {
-        return None;
-    }
-    let low = local.floor();
-    let fraction = local - low;
-    let low = layout.origin + low.as_ivec3();
-
+    let (low, fraction) = corners(volume, position, normal)?;
     let around = Around::of(volume, low, fraction);
     let (mut total, mut slope) = (Sum::default(), Sum::default());
     for axis in 0..3 {
@@ -120,7 +141,7 @@ fn lookup_in(volume: &Volume, position: Vec3, normal: Vec3) -> Option<LookedUp> 
         irradiance: sloped(irradiance, slope.irradiance),
         sky_irradiance: sloped(sky_irradiance, slope.sky_irradiance),
         quality,
-        level: layout.level,
+        level: volume.layout().level,
     })
 }
 

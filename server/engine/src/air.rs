@@ -197,6 +197,8 @@ fn gathered(chunk: &Chunk, row: usize, segments: &[&[u32]], exitance: &[Rgb], ri
         sky_irradiance: finite(sky),
         known_share: (parts.resident + parts.sky + parts.absorbed).clamp(0.0, 1.0),
         far_share: parts.far.clamp(0.0, 1.0),
+        // Far columns of receivers are a gap, for now.
+        fed_share: 0.0,
     }
 }
 

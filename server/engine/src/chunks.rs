@@ -5,10 +5,12 @@
 use crate::config::EngineConfig;
 use crate::direct::ShadowCasters;
 use crate::error::TileFault;
+use crate::levels::LevelPlan;
 use crate::residency::ChunkState;
 use crate::tile::{Tile, estimated_bytes};
 use earthshine_light::Occluders;
-use earthshine_world::{Bounds, Chunk, ChunkCoord, ChunkId, Grid, Vec3, WorldIndex};
+use earthshine_world::lineage::Lineage;
+use earthshine_world::{Bounds, Chunk, ChunkCoord, ChunkId, Vec3, WorldIndex};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -29,12 +31,13 @@ pub(crate) struct ChunkEntry {
     pub(crate) retry_at_s: f64,
 }
 
-/// All chunks of level 0.
+/// All chunks of all levels.
 #[derive(Debug)]
 pub(crate) struct ChunkTable {
     entries: BTreeMap<ChunkId, ChunkEntry>,
-    pub(crate) casters: ShadowCasters,
-    grid: Grid,
+    /// One a level, finest first.
+    casters: Vec<ShadowCasters>,
+    levels: Vec<LevelPlan>,
     decoded_bytes: u64,
     in_flight: u32,
     in_flight_bytes: u64,
@@ -50,17 +53,17 @@ pub(crate) enum Failure {
 }
 
 impl ChunkTable {
-    /// Everything absent. Coarser levels are not this table's.
-    pub(crate) fn new(index: &WorldIndex, seed: u64) -> Self {
-        let grid = index.grid;
+    /// Everything absent. Levels above a gap are left out.
+    pub(crate) fn new(index: &WorldIndex, config: &EngineConfig) -> Self {
+        let levels = LevelPlan::of(index, config);
         let entries = index
             .chunks
             .iter()
-            .filter(|summary| summary.id.level == 0)
-            .map(|summary| {
+            .filter_map(|summary| {
+                let plan = levels.get(usize::from(summary.id.level))?;
                 let entry = ChunkEntry {
                     state: ChunkState::Absent,
-                    bounds: grid.chunk_bounds(summary.id.coord),
+                    bounds: plan.grid.chunk_bounds(summary.id.coord),
                     tile: None,
                     slots: 0,
                     patch_count: summary.patch_count,
@@ -68,15 +71,24 @@ impl ChunkTable {
                     failures: 0,
                     retry_at_s: f64::NEG_INFINITY,
                 };
-                (summary.id, entry)
+                Some((summary.id, entry))
             })
             .collect();
-        let casters = ShadowCasters::new(seed, grid.voxel_edge_m);
-        Self { entries, casters, grid, decoded_bytes: 0, in_flight: 0, in_flight_bytes: 0 }
+        let casters = levels
+            .iter()
+            .map(|plan| ShadowCasters::new(config.seed, plan.level, plan.grid.voxel_edge_m))
+            .collect();
+        Self { entries, casters, levels, decoded_bytes: 0, in_flight: 0, in_flight_bytes: 0 }
     }
 
-    pub(crate) fn grid(&self) -> &Grid {
-        &self.grid
+    /// All levels, finest first; at least one.
+    pub(crate) fn levels(&self) -> &[LevelPlan] {
+        &self.levels
+    }
+
+    /// What casts shadows on `level`.
+    pub(crate) fn casters(&self, level: u8) -> &ShadowCasters {
+        &self.casters[usize::from(level)]
     }
 
     pub(crate) fn get(&self, id: ChunkId) -> Option<&ChunkEntry> {
@@ -85,6 +97,11 @@ impl ChunkTable {
 
     pub(crate) fn iter(&self) -> impl Iterator<Item = (ChunkId, &ChunkEntry)> {
         self.entries.iter().map(|(&id, entry)| (id, entry))
+    }
+
+    /// The tile of `id` and what hangs on it, if it is in memory.
+    pub(crate) fn tile(&self, id: ChunkId) -> Option<&Tile> {
+        self.entries.get(&id)?.tile.as_ref()
     }
 
     /// The tile of `id`, if it is in memory.
@@ -107,14 +124,15 @@ impl ChunkTable {
         self.in_flight
     }
 
-    /// Chunks whose cube is within `radius_m` of `focus`, with the distance, ascending by id.
+    /// Chunks of `plan`'s level whose cube is within `radius_m` of `focus`, with the distance, ascending by id.
     pub(crate) fn near(
         &self,
+        plan: &LevelPlan,
         focus: Vec3,
         radius_m: f32,
     ) -> impl Iterator<Item = (ChunkId, &ChunkEntry, f32)> {
-        let edge = self.grid.chunk_edge_m();
-        let slab = |x: f32, rest: i32| ChunkId::new(0, ChunkCoord::new(x as i32, rest, rest));
+        let edge = plan.grid.chunk_edge_m();
+        let slab = |x: f32, rest: i32| ChunkId::new(plan.level, ChunkCoord::new(x as i32, rest, rest));
         let first = slab(((focus.x - radius_m) / edge).floor() - 1.0, i32::MIN);
         let last = slab(((focus.x + radius_m) / edge).floor() + 1.0, i32::MAX);
         self.entries.range(first..=last).filter_map(move |(&id, entry)| {
@@ -142,9 +160,15 @@ impl ChunkTable {
     }
 
     /// Requested to Decoded. Returns the memory it takes; after an error the chunk is still Requested.
-    pub(crate) fn accept(&mut self, chunk: Arc<Chunk>, occluders: Arc<Occluders>) -> Result<u64, TileFault> {
+    pub(crate) fn accept(
+        &mut self,
+        chunk: Arc<Chunk>,
+        lineage: Arc<Lineage>,
+        occluders: Arc<Occluders>,
+    ) -> Result<u64, TileFault> {
         let id = chunk.id;
-        let tile = Tile::new(chunk, &occluders, &self.grid)?;
+        let level = usize::from(id.level);
+        let tile = Tile::new(chunk, lineage, &occluders, &self.levels[level].grid)?;
         let bytes = tile.bytes;
         let entry = self.land(id);
         entry.state.advance(ChunkState::Decoded);
@@ -154,7 +178,7 @@ impl ChunkTable {
         entry.tile = Some(tile);
         entry.failures = 0;
         self.decoded_bytes += bytes;
-        self.casters.insert(id, occluders);
+        self.casters[level].insert(id, occluders);
         Ok(bytes)
     }
 
@@ -225,7 +249,7 @@ impl ChunkTable {
         entry.state.advance(ChunkState::Absent);
         let tile = entry.tile.take().expect("a chunk that leaves memory was there");
         self.decoded_bytes -= tile.bytes;
-        self.casters.remove(id);
+        self.casters[usize::from(id.level)].remove(id);
     }
 
     /// Ends a flight; the caller moves the state on.

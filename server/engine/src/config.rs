@@ -12,6 +12,12 @@ pub struct EngineConfig {
     /// - Higher: light from farther away; slower ticks.
     /// - Lower: cheaper ticks; more light is missing beyond the resident set.
     pub resident_patches_max: u32,
+    /// Patches in a session's matrix of each coarser level, 1 to [`Self::RESIDENT_PATCHES_LIMIT`].
+    ///
+    /// A session takes `12 M^2` bytes a level (12 MiB at 1024). A top level of no more patches is always held whole.
+    /// - Higher: finer light from far away; more memory and time for every level.
+    /// - Lower: cheaper; far light comes from coarser patches. Below the top level's patches some is missing.
+    pub coarse_patches_max: u32,
     /// Sessions at one time, at least 1. One more is ignored and counted.
     ///
     /// - Higher: more clients; memory and the time of a tick grow with each.
@@ -91,6 +97,7 @@ impl Default for EngineConfig {
         Self {
             seed: 1,
             resident_patches_max: 2048,
+            coarse_patches_max: 1024,
             sessions_max: 8,
             tiles_in_flight_max: 8,
             decoded_bytes_max: 512 << 20,
@@ -159,6 +166,12 @@ impl EngineConfig {
             Self::RESIDENT_PATCHES_LIMIT,
             "it has to be between 1 and 16384",
         )?;
+        count(
+            "coarse_patches_max",
+            self.coarse_patches_max,
+            Self::RESIDENT_PATCHES_LIMIT,
+            "it has to be between 1 and 16384",
+        )?;
         count("sessions_max", self.sessions_max, Self::SESSIONS_LIMIT, "it has to be between 1 and 1024")?;
         count("tiles_in_flight_max", self.tiles_in_flight_max, u32::MAX, at_least_one)?;
         count("adds_per_tick_max", self.adds_per_tick_max, u32::MAX, at_least_one)?;
@@ -209,9 +222,10 @@ mod tests {
     #[test]
     fn each_impossible_value_is_refused_by_name() {
         type Spoil = fn(&mut EngineConfig);
-        let cases: [(&str, Spoil); 17] = [
+        let cases: [(&str, Spoil); 18] = [
             ("resident_patches_max", |c| c.resident_patches_max = 0),
             ("resident_patches_max", |c| c.resident_patches_max = 20_000),
+            ("coarse_patches_max", |c| c.coarse_patches_max = 0),
             ("sessions_max", |c| c.sessions_max = 0),
             ("tiles_in_flight_max", |c| c.tiles_in_flight_max = 0),
             ("decoded_bytes_max", |c| c.decoded_bytes_max = 0),

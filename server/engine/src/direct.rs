@@ -5,24 +5,25 @@
 
 use earthshine_light::{OccluderSet, Occluders, direct_irradiance};
 use earthshine_world::random::{Purpose, hash};
-use earthshine_world::{ChunkId, Light, Patch, Rgb, SamplePoint};
+use earthshine_world::{ChunkId, Light, OccluderMesh, Patch, Rgb, SamplePoint};
 use std::sync::Arc;
 
-/// How far shadow rays start off their surface, in voxel edges.
+/// How far shadow rays start off their surface at least, in voxel edges.
 const RAY_EPSILON_VOXELS: f32 = 1e-3;
 
-/// Shadow casters of every chunk whose tile is in memory.
+/// Shadow casters of every chunk of one level whose tile is in memory.
 #[derive(Debug)]
 pub(crate) struct ShadowCasters {
     set: OccluderSet,
     generation: u64,
     seed: u64,
-    voxel_edge_m: f32,
+    ray_epsilon_m: f32,
 }
 
 impl ShadowCasters {
-    pub(crate) fn new(seed: u64, voxel_edge_m: f32) -> Self {
-        Self { set: OccluderSet::new(), generation: 0, seed, voxel_edge_m }
+    pub(crate) fn new(seed: u64, level: u8, voxel_edge_m: f32) -> Self {
+        let voxels = OccluderMesh::displacement_voxels(level).max(RAY_EPSILON_VOXELS);
+        Self { set: OccluderSet::new(), generation: 0, seed, ray_epsilon_m: voxels * voxel_edge_m }
     }
 
     /// Counts changes: light computed at an earlier generation is out of date.
@@ -56,7 +57,7 @@ impl ShadowCasters {
             return Rgb::ZERO;
         }
         let rounding = 8.0 * f32::EPSILON * patch.centroid.abs().max_element();
-        let epsilon_m = (RAY_EPSILON_VOXELS * self.voxel_edge_m).max(rounding);
+        let epsilon_m = self.ray_epsilon_m.max(rounding);
         direct_irradiance(&self.set, lights, points, epsilon_m, self.patch_seed(patch))
     }
 

@@ -12,6 +12,7 @@ use crate::stats::{Counters, EngineStats, TickStats};
 use crate::{Command, Event, SessionId};
 use earthshine_light::Occluders;
 use earthshine_radiosity::{Backend, BackendError};
+use earthshine_world::lineage::Lineage;
 use earthshine_world::{Camera, Chunk, ChunkId, Grid, LightRig, WorldIndex};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -46,7 +47,7 @@ impl std::fmt::Debug for Engine {
 impl Engine {
     /// An engine for the world of `index`, with nothing loaded and nobody connected.
     ///
-    /// Only level 0 of the index is used. Lights in the index that cannot be are replaced by none.
+    /// Levels are used from 0 on, up to the first that is missing. Lights in the index that cannot be are replaced by none.
     ///
     /// # Errors
     /// [`EngineError`]: a setting out of range, an impossible grid, a chunk listed twice.
@@ -66,7 +67,7 @@ impl Engine {
         if let Some(pair) = ids.windows(2).find(|pair| pair[0] == pair[1]) {
             return Err(EngineError::DuplicateChunk(pair[0]));
         }
-        let chunks = ChunkTable::new(&index, config.seed);
+        let chunks = ChunkTable::new(&index, &config);
         let world_lights = match index.lights.validate() {
             Ok(()) => index.lights,
             Err(error) => {
@@ -130,7 +131,7 @@ impl Engine {
         }
     }
 
-    /// Every chunk of level 0 and its state, ascending by id.
+    /// Every chunk of every level and its state, ascending by id.
     pub fn chunk_states(&self) -> impl Iterator<Item = (ChunkId, ChunkState)> {
         self.chunks.iter().map(|(id, entry)| (id, entry.state))
     }
@@ -147,7 +148,7 @@ impl Engine {
             Event::SessionClosed { session } => self.close(session),
             Event::Camera { session, camera } => self.take_camera(session, &camera),
             Event::Lights { session, lights } => self.take_lights(session, lights),
-            Event::TileDecoded { chunk, occluders } => self.take_tile(chunk, occluders),
+            Event::TileDecoded { chunk, occluders, lineage } => self.take_tile(chunk, lineage, occluders),
             Event::TileFailed { chunk, cause } => {
                 if self.chunks.awaits(chunk) {
                     self.fail_tile(chunk, &cause);
@@ -163,7 +164,8 @@ impl Engine {
         if is_full || self.sessions.contains_key(&id) {
             self.counters.ignored.sessions += 1;
         } else {
-            self.sessions.insert(id, Session::new(id, self.world_lights.clone()));
+            let coarser = &self.chunks.levels()[1..];
+            self.sessions.insert(id, Session::new(id, 0, self.world_lights.clone(), coarser));
         }
     }
 
@@ -194,13 +196,13 @@ impl Engine {
         }
     }
 
-    fn take_tile(&mut self, chunk: Arc<Chunk>, occluders: Arc<Occluders>) {
+    fn take_tile(&mut self, chunk: Arc<Chunk>, lineage: Arc<Lineage>, occluders: Arc<Occluders>) {
         let id = chunk.id;
         if !self.chunks.awaits(id) {
             self.counters.ignored.tiles += 1;
             return;
         }
-        match self.chunks.accept(chunk, occluders) {
+        match self.chunks.accept(chunk, lineage, occluders) {
             Ok(bytes) => {
                 self.counters.tiles_decoded += 1;
                 self.counters.bytes_decoded += bytes;
@@ -221,19 +223,25 @@ impl Engine {
         }
     }
 
-    /// Gives every session with a camera its backend.
+    /// Gives every view of every session with a camera its backend, the coarsest first: it is the last to be missed.
     fn build_backends(&mut self) {
+        let levels = self.chunks.levels();
         for session in self.sessions.values_mut() {
             let is_due = session.focus.is_some() && session.backend_retry_at_s <= self.now_s;
-            if session.local.is_some() || !is_due {
-                continue;
-            }
-            match (self.backends)(self.config.resident_patches_max) {
-                Ok(backend) => session.set_local(LocalSet::new(backend)),
-                Err(error) => {
-                    tracing::warn!(session = session.id.0, %error, "no backend could be built");
-                    self.counters.backend_failures += 1;
-                    session.backend_retry_at_s = self.now_s + self.config.retry_after_s;
+            for plan in levels.iter().rev().filter(|_| is_due) {
+                let view = session.view_mut(plan.level);
+                if view.local.is_some() {
+                    continue;
+                }
+                let is_fed = usize::from(plan.level) + 1 < levels.len();
+                match (self.backends)(plan.capacity) {
+                    Ok(backend) => view.set_local(LocalSet::new(backend, is_fed)),
+                    Err(error) => {
+                        tracing::warn!(session = session.id.0, level = plan.level, %error, "no backend could be built");
+                        self.counters.backend_failures += 1;
+                        session.backend_retry_at_s = self.now_s + self.config.retry_after_s;
+                        break;
+                    }
                 }
             }
         }
@@ -290,14 +298,14 @@ impl Engine {
             removals: Budget::new(self.config.removals_per_tick_max),
             shadow_points: Budget::new(for_new_patches),
         };
-        let waiting: Vec<_> =
-            self.sessions.iter().filter(|(_, session)| session.wants_swaps()).map(|(&id, _)| id).collect();
+        let waiting = self.views_where(Session::wants_swaps);
         let rays_before = self.counters.rays;
-        for (served, id) in rotated(&waiting, self.counters.ticks).into_iter().enumerate() {
+        for (served, (id, level)) in rotated(&waiting, self.counters.ticks).into_iter().enumerate() {
             let session = self.sessions.get_mut(&id).expect("waiting sessions are open");
             let tick = self.counters.ticks;
             let waiting = waiting.len() - served;
-            let swapped = session.swap(&mut self.chunks, &mut budget, waiting, tick, &mut self.counters);
+            let view = session.view_mut(level);
+            let swapped = view.swap(&mut self.chunks, &mut budget, waiting, tick, &mut self.counters);
             if let Err(error) = swapped {
                 self.lose_backend(id, &error);
             }
@@ -308,18 +316,20 @@ impl Engine {
 
     /// Lights what is out of date, each session for its share of `budget`.
     fn refresh_direct(&mut self, mut budget: Budget) {
-        let waiting: Vec<_> = self
-            .sessions
-            .iter()
-            .filter(|(_, session)| session.stale_count(&self.chunks) > 0)
-            .map(|(&id, _)| id)
-            .collect();
+        let waiting = self.views_where(|view| view.stale_count(&self.chunks) > 0);
         let tick = self.counters.ticks;
-        for (served, id) in rotated(&waiting, tick).into_iter().enumerate() {
+        for (served, (id, level)) in rotated(&waiting, tick).into_iter().enumerate() {
             let session = self.sessions.get_mut(&id).expect("waiting sessions are open");
             let share = budget.share(waiting.len() - served);
-            budget.spend(session.refresh_direct(&self.chunks, share, tick, &mut self.counters));
+            let view = session.view_mut(level);
+            budget.spend(view.refresh_direct(&self.chunks, share, tick, &mut self.counters));
         }
+    }
+
+    /// Every view that `waits`, by session, then level.
+    fn views_where(&self, waits: impl Fn(&Session) -> bool) -> Vec<(SessionId, u8)> {
+        let views = self.sessions.values().flat_map(Session::views);
+        views.filter(|view| waits(view)).map(|view| (view.id, view.level)).collect()
     }
 
     /// Advances the light of every session and publishes what is new. Returns whether all are settled.

@@ -1,6 +1,7 @@
 //! What goes into the engine and what comes out: closed enums, owned data.
 
 use crate::Frame;
+use earthshine_world::lineage::Lineage;
 use earthshine_world::{Camera, Chunk, ChunkId, LightRig};
 use std::sync::Arc;
 
@@ -41,6 +42,9 @@ pub enum Event {
         chunk: Arc<Chunk>,
         /// Its shadow casters, ready for rays: built by the loader, off the engine's thread.
         occluders: Arc<earthshine_light::Occluders>,
+        /// Parents of the patches of every chunk that its rows lead to, and of those parents, up to the top. A chunk
+        /// that is missing here has no parents: its far light is a gap.
+        lineage: Arc<Lineage>,
     },
     /// A requested tile could not be had.
     TileFailed {

@@ -18,18 +18,31 @@ pub struct PatchLight {
     pub known_share: f32,
     /// Share of the row whose columns exist but are not resident, 0..=1.
     pub far_share: f32,
+    /// Of the far share: what coarse levels bring, 0..=1. The rest of it is a gap that brings no light.
+    pub fed_share: f32,
+}
+
+/// Light of one coarse level.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LevelLight {
+    /// 1 or more.
+    pub level: u8,
+    /// Edge of its voxels, m.
+    pub voxel_edge_m: f32,
+    /// Every resident patch, ascending by voxel (x, y, z), then direction.
+    pub patches: Vec<PatchLight>,
 }
 
 /// How complete a frame is.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FrameQuality {
-    /// Patches that hold slots.
+    /// Patches of level 0 that hold slots.
     pub resident_patches: u32,
     /// Patches the camera would want with the present capacity.
     pub wanted_patches: u32,
     /// Patches whose direct light is older than the newest change of lights or occluders.
     pub stale_direct: u32,
-    /// Whether everything wanted is resident and nothing is stale.
+    /// Whether everything wanted is resident and nothing is stale, on all levels.
     pub settled: bool,
 }
 
@@ -44,10 +57,24 @@ pub struct Frame {
     pub time_s: f64,
     /// Edge of the voxels below, m.
     pub voxel_edge_m: f32,
-    /// Every resident patch, ascending by voxel (x, y, z), then direction.
+    /// Every resident patch of level 0, ascending by voxel (x, y, z), then direction.
     pub patches: Vec<PatchLight>,
     /// Light in empty air near the camera: receivers, ascending like `patches`. None is where a patch is resident.
     pub receivers: Vec<PatchLight>,
+    /// The coarser levels, finer first; what is beyond them has no light.
+    pub coarse: Vec<LevelLight>,
     /// How complete it is.
     pub quality: FrameQuality,
+}
+
+impl Frame {
+    /// Every resident patch of `level`; none where there is no such level.
+    #[must_use]
+    pub fn patches_of(&self, level: u8) -> &[PatchLight] {
+        match self.coarse.iter().find(|light| light.level == level) {
+            Some(light) => &light.patches,
+            None if level == 0 => &self.patches,
+            None => &[],
+        }
+    }
 }

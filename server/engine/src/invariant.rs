@@ -11,6 +11,8 @@
 //! | E7 frame | a frame is finite, not negative, ascending, and no larger than the capacity |
 //! | E8 limit | sessions and receivers are within their limits |
 //! | E9 air | receivers are counted, and light in the air is finite, ascending and nowhere where a patch is resident |
+//! | E10 pinned | a settled pinned level is resident, all of it that is not refused or given up |
+//! | E11 far | far columns by parent are no more than the far part; what is fed is no more than that; parents are counted |
 
 use crate::PatchLight;
 use crate::engine::Engine;
@@ -46,12 +48,16 @@ impl Engine {
     pub fn validate(&self) -> Result<(), InvariantError> {
         let mut slots: BTreeMap<ChunkId, u32> = BTreeMap::new();
         for session in self.sessions.values() {
-            if let Some(local) = &session.local {
-                self.check_local(session, local)?;
-                for (_, resident) in local.iter() {
-                    *slots.entry(resident.id.chunk).or_default() += 1;
+            for view in session.views() {
+                if let Some(local) = &view.local {
+                    self.check_local(view, local)?;
+                    check_far(view, local)?;
+                    for (_, resident) in local.iter() {
+                        *slots.entry(resident.id.chunk).or_default() += 1;
+                    }
                 }
             }
+            self.check_pinned(session)?;
             check_frame(session)?;
             let most = self.config().receiver_voxels_max as usize;
             ensure("E8 limit", session.air.len() <= most, || {
@@ -91,9 +97,30 @@ impl Engine {
             .iter()
             .filter(|(_, entry)| entry.tile.as_ref().is_some_and(|tile| tile.casts_shadows))
             .count();
-        ensure("E4 casters", table.casters.len() == casting, || {
-            format!("{} chunks cast shadows, {casting} should", table.casters.len())
-        })
+        let found: usize = table.levels().iter().map(|plan| table.casters(plan.level).len()).sum();
+        ensure("E4 casters", found == casting, || format!("{found} chunks cast shadows, {casting} should"))
+    }
+
+    /// Once all of a pinned level is in memory and nothing of it waits, all of it is resident.
+    fn check_pinned(&self, session: &Session) -> Result<(), InvariantError> {
+        for (view, plan) in session.views().zip(self.chunks.levels()) {
+            let quality = view.quality(&self.chunks);
+            if !(plan.is_pinned && quality.settled) {
+                continue;
+            }
+            let held = self
+                .chunks
+                .iter()
+                .filter(|(id, entry)| id.level == plan.level && entry.state != ChunkState::Quarantined);
+            let patches: u32 = held.map(|(_, entry)| entry.patch_count).sum();
+            let refused = view.local.as_ref().map_or(0, LocalSet::refused_count);
+            let is_whole =
+                quality.resident_patches + refused >= patches.min(quality.wanted_patches + refused);
+            ensure("E10 pinned", is_whole, || {
+                format!("session {}: {quality:?} of {patches} on the top level", view.id.0)
+            })?;
+        }
+        Ok(())
     }
 
     fn check_local(&self, session: &Session, local: &LocalSet) -> Result<(), InvariantError> {
@@ -130,6 +157,28 @@ fn check_parts(kept: RowParts, fresh: RowParts, at: impl Fn() -> String) -> Resu
     })
 }
 
+fn check_far(view: &Session, local: &LocalSet) -> Result<(), InvariantError> {
+    let at = |slot: u32| format!("session {} level {} slot {slot}", view.id.0, view.level);
+    let Some(field) = &local.far else { return Ok(()) };
+    let mut used = 0;
+    for id in local.chunks() {
+        used += local.slots_of(id).map_or(0, |table| table.far_segments.iter().flatten().count());
+    }
+    ensure("E11 far", field.user_count() as usize == used, || {
+        format!("{} users of parents counted, {used} found", field.user_count())
+    })?;
+    for (slot, resident) in local.iter() {
+        let kept: f64 = resident.far.iter().map(|far| f64::from(far.share)).sum();
+        // What has no parent is left out; nothing is made up.
+        let is_within = kept <= f64::from(resident.parts.far + SHARE_TOLERANCE);
+        let is_fed = f64::from(resident.fed_share) <= kept + f64::from(SHARE_TOLERANCE);
+        ensure("E11 far", is_within && is_fed, || {
+            format!("{}: {kept} by parents, {} fed, {:?}", at(slot), resident.fed_share, resident.parts)
+        })?;
+    }
+    Ok(())
+}
+
 fn check_frame(session: &Session) -> Result<(), InvariantError> {
     let Some(frame) = &session.last_frame else { return Ok(()) };
     let at = || format!("session {} frame {}", session.id.0, frame.number);
@@ -158,4 +207,5 @@ fn is_light(light: &PatchLight) -> bool {
         && is_finite(light.sky_irradiance)
         && (0.0..=1.0).contains(&light.known_share)
         && (0.0..=1.0).contains(&light.far_share)
+        && (0.0..=1.0).contains(&light.fed_share)
 }

@@ -16,7 +16,7 @@
 //! | which patches are nearest | `priority` | `resident_patches_max` |
 //! | remove, add, light the new ones | `session`, `local_set`, `slots` | `removals_per_tick_max`, `adds_per_tick_max` |
 //! | light what is out of date | `relight`, `direct` | `shadow_points_per_tick_max` |
-//! | sources to the backend, step, read | `relight`, `session` | |
+//! | far light, sources to the backends, step, read, the coarsest level first | `far`, `relight`, `session` | |
 //! | gather light in empty air | `air` | `receiver_rows_per_tick_max` |
 //! | publish | `session` | one frame a session |
 //!
@@ -25,8 +25,13 @@
 //! # The three parts of a row
 //!
 //! Of each resident patch's row the *resident* columns are in the backend's matrix, the *sky* lights the patch from
-//! outside, and the *far* columns (patches that exist but hold no slot) bring no light in this version. Their share
-//! is in every frame; it is never given to the sky.
+//! outside, and for the *far* columns (patches that exist but hold no slot) their coarse parents stand in, as far as a
+//! coarser level holds them; what is left is a gap. The shares are in every frame; none is ever given to the sky.
+//!
+//! # Levels
+//!
+//! Each session has a local set a level, each around the same camera, each coarser one of larger patches that reach
+//! farther. The top level is held whole if it fits, is asked for first and stays: there is never nothing to show.
 
 mod air;
 mod budget;
@@ -36,8 +41,10 @@ mod direct;
 pub mod engine;
 pub mod error;
 pub mod event;
+mod far;
 pub mod frame;
 pub mod invariant;
+mod levels;
 mod local_set;
 mod priority;
 mod relight;
@@ -54,7 +61,7 @@ pub use config::{ConfigError, EngineConfig};
 pub use engine::{BackendFactory, Engine};
 pub use error::EngineError;
 pub use event::{Command, Event, SessionId};
-pub use frame::{Frame, FrameQuality, PatchLight};
+pub use frame::{Frame, FrameQuality, LevelLight, PatchLight};
 pub use invariant::InvariantError;
 pub use residency::ChunkState;
 pub use stats::{ChunkCounts, Counters, EngineStats, IgnoredEvents, SessionStats, TickStats};

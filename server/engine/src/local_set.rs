@@ -3,8 +3,10 @@
 //! It owns the [`Backend`]; light on the slots is in [`crate::relight`]. Rows come from the chunks of the patches,
 //! columns by reciprocity `F[i, new] = A_new F[new, i] / A_i`: rows on disk are reciprocal.
 
+use crate::far::{FarField, FarShare, far_shares};
 use crate::relight::SlotLight;
 use crate::slots::{FREE, SlotTable, segment_slots, split_row, visit_row};
+use crate::tile::Tile;
 use earthshine_radiosity::{Backend, BackendError, Slot, Update};
 use earthshine_world::{Chunk, ChunkId, ChunkRows, Patch, PatchId, Rgb, RowParts};
 use std::collections::{BTreeMap, BTreeSet};
@@ -18,6 +20,10 @@ pub(crate) struct Resident {
     pub(crate) sky_shares: [f32; 6],
     /// How its row splits now; see [`LocalSet::refresh_parts`].
     pub(crate) parts: RowParts,
+    /// Its far columns by parent, as current as `parts`.
+    pub(crate) far: Vec<FarShare>,
+    /// Of the far part: what coarser views bring.
+    pub(crate) fed_share: f32,
     pub(crate) light: SlotLight,
 }
 
@@ -28,6 +34,8 @@ pub(crate) struct LocalSet {
     free: BTreeSet<u32>,
     tables: BTreeMap<ChunkId, SlotTable>,
     refused: BTreeSet<PatchId>,
+    /// Where far light comes from; nothing on the top level.
+    pub(crate) far: Option<FarField>,
     /// Slots whose row parts may have changed.
     touched: Vec<bool>,
     /// Slots in the order of frames; rebuilt when patches have come or gone.
@@ -58,8 +66,8 @@ impl std::fmt::Debug for LocalSet {
 }
 
 impl LocalSet {
-    /// Nothing resident yet.
-    pub(crate) fn new(backend: Box<dyn Backend>) -> Self {
+    /// Nothing resident yet. `is_fed`: there are coarser views.
+    pub(crate) fn new(backend: Box<dyn Backend>, is_fed: bool) -> Self {
         let capacity = backend.capacity();
         Self {
             backend,
@@ -67,6 +75,7 @@ impl LocalSet {
             free: (0..capacity).collect(),
             tables: BTreeMap::new(),
             refused: BTreeSet::new(),
+            far: is_fed.then(FarField::default),
             touched: vec![false; capacity as usize],
             order: Vec::new(),
             is_order_old: false,
@@ -192,23 +201,23 @@ impl LocalSet {
     }
 
     /// Adds patches that are not resident, as many as there are free slots at most, in the order given.
-    pub(crate) fn add(&mut self, newcomers: &[(PatchId, Arc<Chunk>)]) -> Added {
+    pub(crate) fn add(&mut self, newcomers: &[(PatchId, Tile)]) -> Added {
         let mut slots = Vec::with_capacity(newcomers.len());
         let mut updates = Vec::with_capacity(newcomers.len());
-        for (id, chunk) in newcomers {
-            let slot = self.take_slot(*id, chunk);
+        for (id, tile) in newcomers {
+            let slot = self.take_slot(*id, tile);
             updates.push(self.add_update(slot));
             slots.push(slot);
         }
         let mut added = Added::default();
         match self.backend.apply(&updates) {
             Ok(_) => {
-                for (&slot, &(id, _)) in slots.iter().zip(newcomers) {
+                for (&slot, (id, _)) in slots.iter().zip(newcomers) {
                     if self.backend.is_taken(Slot(slot)) {
                         added.slots.push(slot);
                     } else {
                         self.free_slot(slot);
-                        self.refused.insert(id);
+                        self.refused.insert(*id);
                         added.weak_pivots += 1;
                     }
                 }
@@ -217,7 +226,7 @@ impl LocalSet {
                 for &slot in slots.iter().rev() {
                     self.free_slot(slot);
                 }
-                if let [(id, _)] = *newcomers {
+                if let &[(id, _)] = newcomers {
                     tracing::warn!(chunk = %id.chunk, local = id.local, %error, "a patch was refused");
                     self.refused.insert(id);
                     added.refused = 1;
@@ -237,7 +246,7 @@ impl LocalSet {
         added
     }
 
-    /// Brings the row parts of all slots up to date whose neighbours came or went.
+    /// Brings the row parts and far columns of all slots up to date whose neighbours came or went.
     pub(crate) fn refresh_parts(&mut self) {
         for table in self.tables.values() {
             let mut segments = None;
@@ -247,6 +256,9 @@ impl LocalSet {
                         segments.get_or_insert_with(|| segment_slots(&self.tables, &table.chunk.rows));
                     let resident = self.residents[slot as usize].as_mut().expect("a table names taken slots");
                     resident.parts = split_row(segments, &table.chunk.rows, local);
+                    if self.far.is_some() {
+                        resident.far = far_shares(table, segments, local);
+                    }
                 }
             }
         }
@@ -258,15 +270,19 @@ impl LocalSet {
         self.needs_step |= swaps > 0;
     }
 
-    fn take_slot(&mut self, id: PatchId, chunk: &Arc<Chunk>) -> u32 {
+    fn take_slot(&mut self, id: PatchId, tile: &Tile) -> u32 {
+        let chunk = &tile.chunk;
         let slot = self.free.pop_first().expect("no more patches are added than slots are free");
         let local = usize::from(id.local);
-        let table = self.tables.entry(id.chunk).or_insert_with(|| SlotTable::new(Arc::clone(chunk)));
+        let table = self.tables.entry(id.chunk).or_insert_with(|| {
+            let far = self.far.as_mut().map(|far| far.acquire(chunk, &tile.lineage));
+            SlotTable::new(Arc::clone(chunk), far.unwrap_or_default())
+        });
         table.take(local, slot);
         let patch = chunk.patches[local];
         let sky_shares = chunk.rows.sky_shares[local];
-        let resident =
-            Resident { id, patch, sky_shares, parts: RowParts::default(), light: SlotLight::default() };
+        let (parts, far, light) = (RowParts::default(), Vec::new(), SlotLight::default());
+        let resident = Resident { id, patch, sky_shares, parts, far, fed_share: 0.0, light };
         self.residents[slot as usize] = Some(resident);
         self.is_order_old = true;
         slot
@@ -279,6 +295,9 @@ impl LocalSet {
         let local = usize::from(resident.id.local);
         table.free(local);
         if table.is_empty() {
+            if let Some(far) = &mut self.far {
+                far.release(&table.far_segments);
+            }
             self.tables.remove(&resident.id.chunk);
         }
         visit_row(&segment_slots(&self.tables, &chunk.rows), &chunk.rows, local, |neighbour, _| {

@@ -2,7 +2,7 @@
 //! results of the backend.
 //!
 //! `direct exitance = reflectance * direct irradiance + emission * scale`; what comes from outside the resident set
-//! is `sky.irradiance(sky shares)` and nothing else: far light is dropped for now and is never given to the sky.
+//! is `sky.irradiance(sky shares)` and the far light that [`crate::far`] has gathered; a gap is never given to the sky.
 
 use crate::direct::ShadowCasters;
 use crate::local_set::LocalSet;
@@ -29,6 +29,10 @@ pub(crate) struct SlotLight {
     lit_tick: u64,
     /// Direct exitance and outside irradiance that the backend holds.
     sources: Option<(Rgb, Rgb)>,
+    /// The part of the outside irradiance that comes straight from the sky, lx.
+    sky_irradiance: Rgb,
+    /// What arrives from the patches that are not resident, by their parents, lx.
+    pub(crate) far_irradiance: Rgb,
     /// What the backend last said, lx.
     pub(crate) irradiance: Rgb,
 }
@@ -36,7 +40,7 @@ pub(crate) struct SlotLight {
 impl SlotLight {
     /// What arrives straight from the sky, as the backend was told, lx.
     pub(crate) fn sky_irradiance(&self) -> Rgb {
-        self.sources.map_or(Rgb::ZERO, |(_, sky)| sky)
+        self.sky_irradiance
     }
 
     /// What leaves `patch`, emitted and reflected, as far as the backend has said, lm/m2.
@@ -136,12 +140,14 @@ pub(crate) fn set_sources(local: &mut LocalSet, rig: &LightRig) -> Result<u64, B
         let (exitance, exitance_limited) =
             limit(reflectance * resident.light.direct_irradiance + patch.emission * rig.emission_scale);
         let (sky, sky_limited) = limit(rig.sky.irradiance(&resident.sky_shares));
-        if resident.light.sources != Some((exitance, sky)) {
-            resident.light.sources = Some((exitance, sky));
-            limited += u64::from(exitance_limited || sky_limited);
+        let (arriving, far_limited) = limit(sky + resident.light.far_irradiance);
+        resident.light.sky_irradiance = sky;
+        if resident.light.sources != Some((exitance, arriving)) {
+            resident.light.sources = Some((exitance, arriving));
+            limited += u64::from(exitance_limited || sky_limited || far_limited);
             slots.push(Slot(slot));
             exitances.push(exitance);
-            outside.push(sky);
+            outside.push(arriving);
         }
     }
     if !slots.is_empty() {

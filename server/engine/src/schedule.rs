@@ -7,6 +7,9 @@ use crate::residency::ChunkState;
 use earthshine_world::{ChunkId, Vec3};
 use std::collections::{BTreeMap, BTreeSet};
 
+/// Where chunks of a pinned level stand: before all distances.
+const PINNED_RANK: f32 = -1.0;
+
 /// The chunks wanted now.
 #[derive(Debug, Default, PartialEq)]
 pub(crate) struct Wants {
@@ -16,8 +19,10 @@ pub(crate) struct Wants {
     pub(crate) by_session: BTreeMap<SessionId, Vec<ChunkId>>,
 }
 
-/// Chunks within the load radius of any focus, nearest first, as many as fit the memory.
+/// Chunks within their level's load radius of any focus, nearest first, as many as fit the memory.
 ///
+/// A pinned level comes before everything else, all of it. Distances count in chunks of their level: half as much for each
+/// level up.
 /// What is in memory or on its way counts as nearer by the hysteresis. A chunk that would not fit alone is passed
 /// over; the first that does not fit beside the nearer ones ends the list.
 pub(crate) fn wanted_chunks(
@@ -30,16 +35,21 @@ pub(crate) fn wanted_chunks(
     let mut distances: BTreeMap<ChunkId, f32> = BTreeMap::new();
     for (&session, &focus) in focuses {
         let mut own = Vec::new();
-        for (id, entry, distance) in chunks.near(focus, config.load_radius_m * keep) {
-            let effective = match entry.state {
-                ChunkState::Quarantined => continue,
-                ChunkState::Absent => distance,
-                _ => distance / keep,
-            };
-            if effective <= config.load_radius_m {
-                own.push(id);
-                let nearest = distances.entry(id).or_insert(effective);
-                *nearest = nearest.min(effective);
+        for plan in chunks.levels() {
+            let reach_m = if plan.is_pinned { f32::INFINITY } else { plan.load_radius_m };
+            let scale = f32::from(1u16 << plan.level);
+            for (id, entry, distance) in chunks.near(plan, focus, reach_m * keep) {
+                let effective = match entry.state {
+                    ChunkState::Quarantined => continue,
+                    ChunkState::Absent => distance,
+                    _ => distance / keep,
+                };
+                if effective <= reach_m {
+                    own.push(id);
+                    let rank = if plan.is_pinned { PINNED_RANK } else { effective / scale };
+                    let nearest = distances.entry(id).or_insert(rank);
+                    *nearest = nearest.min(rank);
+                }
             }
         }
         by_session.insert(session, own);

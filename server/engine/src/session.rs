@@ -1,9 +1,15 @@
-//! One client's view: its camera, its lights, its local set, and what it was last told.
+//! One client's view of one level: its camera, its lights, its local set, and what it was last told.
+//!
+//! A client's view of level 0 owns its views of the coarser levels; those feed it far light ([`crate::far`]) and are
+//! published with it.
 
 use crate::air::AirSet;
 use crate::budget::Budget;
 use crate::chunks::ChunkTable;
 use crate::config::EngineConfig;
+use crate::far;
+use crate::frame::LevelLight;
+use crate::levels::LevelPlan;
 use crate::local_set::{LocalSet, Resident};
 use crate::priority::{SwapPlan, focus, plan_swaps};
 use crate::relight::{self, Relight};
@@ -39,6 +45,10 @@ pub(crate) struct SwapBudget {
 #[derive(Debug)]
 pub(crate) struct Session {
     pub(crate) id: SessionId,
+    /// Which level this is a view of.
+    pub(crate) level: u8,
+    /// Views of the levels above, finer first; of level 0's view alone.
+    pub(crate) coarse: Vec<Session>,
     /// Where distances are measured from; nothing before the first camera.
     pub(crate) focus: Option<Vec3>,
     pub(crate) rig: LightRig,
@@ -52,6 +62,8 @@ pub(crate) struct Session {
     /// Light in empty air.
     pub(crate) air: AirSet,
     are_sources_old: bool,
+    /// Whether the far columns changed after far light was gathered.
+    is_far_old: bool,
     /// Whether light or row parts changed after the last frame.
     has_news: bool,
     told: Option<FrameQuality>,
@@ -62,10 +74,12 @@ pub(crate) struct Session {
 }
 
 impl Session {
-    /// Without a camera; lit as the world was made.
-    pub(crate) fn new(id: SessionId, rig: LightRig) -> Self {
+    /// Without a camera; lit as the world was made. `coarser` levels have views of their own.
+    pub(crate) fn new(id: SessionId, level: u8, rig: LightRig, coarser: &[LevelPlan]) -> Self {
         Self {
             id,
+            level,
+            coarse: coarser.iter().map(|plan| Self::new(id, plan.level, rig.clone(), &[])).collect(),
             focus: None,
             rig,
             lights_generation: 1,
@@ -76,6 +90,7 @@ impl Session {
             is_plan_old: true,
             air: AirSet::default(),
             are_sources_old: true,
+            is_far_old: true,
             has_news: false,
             told: None,
             frames: 0,
@@ -84,8 +99,27 @@ impl Session {
         }
     }
 
+    /// Its views of all levels, finest first.
+    pub(crate) fn views(&self) -> impl Iterator<Item = &Self> {
+        std::iter::once(self).chain(&self.coarse)
+    }
+
+    /// Its view of `level`.
+    ///
+    /// # Panics
+    /// If the world has no such level.
+    pub(crate) fn view_mut(&mut self, level: u8) -> &mut Self {
+        match usize::from(level).checked_sub(1) {
+            None => self,
+            Some(at) => &mut self.coarse[at],
+        }
+    }
+
     /// Takes a valid camera. Returns whether that changes what is wanted.
     pub(crate) fn set_camera(&mut self, camera: &Camera, config: &EngineConfig) -> bool {
+        for view in &mut self.coarse {
+            view.set_camera(camera, config);
+        }
         let focus = Some(focus(camera, config.look_ahead_s, config.load_radius_m * 0.5));
         let moved = focus != self.focus;
         self.focus = focus;
@@ -95,6 +129,9 @@ impl Session {
 
     /// Takes valid lights.
     pub(crate) fn set_lights(&mut self, rig: LightRig) {
+        for view in &mut self.coarse {
+            view.set_lights(rig.clone());
+        }
         if rig.lights != self.rig.lights {
             self.lights_generation += 1;
         }
@@ -106,8 +143,11 @@ impl Session {
         self.rig = rig;
     }
 
-    /// Takes the chunks wanted now, ascending.
-    pub(crate) fn set_chunks(&mut self, chunks: Vec<WantedChunk>) {
+    /// Takes the chunks of all levels wanted now, ascending.
+    pub(crate) fn set_chunks(&mut self, mut chunks: Vec<WantedChunk>) {
+        for view in self.coarse.iter_mut().rev() {
+            view.set_chunks(chunks.split_off(chunks.partition_point(|chunk| chunk.id.level < view.level)));
+        }
         if chunks == self.chunks {
             return;
         }
@@ -120,6 +160,9 @@ impl Session {
 
     /// Compares what is resident with what is nearest, if either may have changed.
     pub(crate) fn replan(&mut self, table: &ChunkTable, config: &EngineConfig) {
+        for view in &mut self.coarse {
+            view.replan(table, config);
+        }
         let (Some(focus), Some(local)) = (self.focus, &self.local) else { return };
         if std::mem::take(&mut self.is_plan_old) {
             let chunks: Vec<_> = self
@@ -141,7 +184,7 @@ impl Session {
 
     /// How direct light on the session's slots is computed now.
     pub(crate) fn relight<'a>(&'a self, table: &'a ChunkTable, tick: u64) -> Relight<'a> {
-        Relight::new(&table.casters, &self.rig.lights, self.lights_generation, tick)
+        Relight::new(table.casters(self.level), &self.rig.lights, self.lights_generation, tick)
     }
 
     /// Removes and adds as planned, as far as a share of `budget` (one of `waiting`) goes; new patches are lit.
@@ -179,8 +222,7 @@ impl Session {
         }
         let mut newcomers = Vec::with_capacity(adds);
         for id in take_last(&mut self.plan.adds, adds).into_iter().rev() {
-            newcomers
-                .push((id, Arc::clone(table.chunk(id.chunk).expect("a planned patch's tile is in memory"))));
+            newcomers.push((id, table.tile(id.chunk).expect("a planned patch's tile is in memory").clone()));
         }
         let added = if newcomers.is_empty() { Default::default() } else { local.add(&newcomers) };
         for &slot in &added.slots {
@@ -191,7 +233,9 @@ impl Session {
         let refused = added.weak_pivots + added.refused;
         self.is_plan_old |= refused > 0;
         self.are_sources_old |= lit > 0;
-        self.has_news |= !leaving.is_empty() || !added.slots.is_empty();
+        let has_moved = !leaving.is_empty() || !added.slots.is_empty();
+        self.is_far_old |= has_moved;
+        self.has_news |= has_moved;
         self.local = Some(local);
 
         budget.adds.spend(count(newcomers.len()));
@@ -245,17 +289,46 @@ impl Session {
         spent
     }
 
-    /// Measures drift when it is due, hands changed sources over, steps the backend and reads the light.
+    /// Advances the views of all levels, coarsest first, so that far light is of this tick.
     ///
     /// # Errors
-    /// Whatever the backend says: it is of no more use.
+    /// Whatever a backend says: none of the session's is of more use.
     pub(crate) fn advance(
         &mut self,
         config: &EngineConfig,
         tick: u64,
         counters: &mut Counters,
     ) -> Result<(), BackendError> {
-        let Some(local) = &mut self.local else { return Ok(()) };
+        let mut coarse = std::mem::take(&mut self.coarse);
+        let mut advance = || {
+            let mut is_news = false;
+            for at in (0..coarse.len()).rev() {
+                let (finer, coarser) = coarse.split_at_mut(at + 1);
+                is_news |= finer[at].advance_view(coarser, is_news, config, tick, counters)?;
+            }
+            self.advance_view(&coarse, is_news, config, tick, counters)
+        };
+        let result = advance();
+        self.coarse = coarse;
+        self.has_news |= result? | self.coarse.iter_mut().fold(false, |any, view| view.take_news() | any);
+        Ok(())
+    }
+
+    fn take_news(&mut self) -> bool {
+        std::mem::take(&mut self.has_news)
+    }
+
+    /// Measures drift when it is due, gathers far light, hands changed sources over, steps the backend and reads the
+    /// light. `is_news`: one of `coarser` has changed. Returns whether this one has.
+    fn advance_view(
+        &mut self,
+        coarser: &[Self],
+        is_news: bool,
+        config: &EngineConfig,
+        tick: u64,
+        counters: &mut Counters,
+    ) -> Result<bool, BackendError> {
+        let Some(local) = &mut self.local else { return Ok(false) };
         if local.swaps_since_probe >= config.drift_probe_every_swaps {
             local.swaps_since_probe = 0;
             self.drift = local.backend.drift(config.seed.wrapping_add(tick));
@@ -279,6 +352,12 @@ impl Session {
             local.is_repairing = !local.backend.repair(REPAIR_COLUMNS_A_TICK)?.is_complete;
             local.needs_step = true;
         }
+        if std::mem::take(&mut self.is_far_old) || is_news {
+            let coarser: Vec<&LocalSet> = coarser.iter().filter_map(|view| view.local.as_ref()).collect();
+            let changed = far::gather(local, &coarser);
+            self.are_sources_old |= changed;
+            self.has_news |= changed;
+        }
         if std::mem::take(&mut self.are_sources_old) {
             counters.limited_sources += relight::set_sources(local, &self.rig)?;
         }
@@ -286,7 +365,7 @@ impl Session {
             self.has_news = true;
             self.air.outdate();
         }
-        Ok(())
+        Ok(self.has_news)
     }
 
     /// Gathers light in empty air that is out of date, for up to `rows_max` rows. Returns the rows spent.
@@ -297,8 +376,11 @@ impl Session {
         spent
     }
 
-    /// Frees every slot: the session closes, or its backend is of no more use.
+    /// Frees every slot of every level: the session closes, or a backend of its is of no more use.
     pub(crate) fn drop_local(&mut self, table: &mut ChunkTable) {
+        for view in &mut self.coarse {
+            view.drop_local(table);
+        }
         if let Some(local) = self.local.take() {
             for (_, resident) in local.iter() {
                 table.release(resident.id.chunk);
@@ -308,6 +390,7 @@ impl Session {
         self.air.clear();
         self.is_plan_old = true;
         self.are_sources_old = true;
+        self.is_far_old = true;
     }
 
     /// Takes a fresh backend's empty local set.
@@ -315,9 +398,10 @@ impl Session {
         self.local = Some(local);
         self.is_plan_old = true;
         self.are_sources_old = true;
+        self.is_far_old = true;
     }
 
-    /// How complete the light is.
+    /// How complete the light is: counts are of this level, settled are all.
     pub(crate) fn quality(&self, table: &ChunkTable) -> FrameQuality {
         let Some(local) = &self.local else { return FrameQuality::default() };
         let offered: u64 = self.chunks.iter().map(|chunk| u64::from(chunk.patch_count)).sum();
@@ -333,7 +417,8 @@ impl Session {
                 && stale_direct == 0
                 && self.air.stale_count() == 0
                 && !self.is_plan_old
-                && self.plan.is_empty(),
+                && self.plan.is_empty()
+                && self.coarse.iter().all(|view| view.quality(table).settled),
         }
     }
 
@@ -345,11 +430,16 @@ impl Session {
         if !std::mem::take(&mut self.has_news) && self.told == Some(quality) {
             return None;
         }
-        let order = local.frame_order().to_vec();
-        let patches = order.into_iter().map(|slot| patch_light(local.resident(slot))).collect();
+        let patches = patch_lights(local);
+        let mut coarse = Vec::with_capacity(self.coarse.len());
+        for (view, plan) in self.coarse.iter_mut().zip(&table.levels()[1..]) {
+            let (level, voxel_edge_m) = (plan.level, plan.grid.voxel_edge_m);
+            let patches = view.local.as_mut().map(patch_lights).unwrap_or_default();
+            coarse.push(LevelLight { level, voxel_edge_m, patches });
+        }
         self.told = Some(quality);
         self.frames += 1;
-        let voxel_edge_m = table.grid().voxel_edge_m;
+        let voxel_edge_m = table.levels()[0].grid.voxel_edge_m;
         let frame = Arc::new(Frame {
             session: self.id,
             number: self.frames,
@@ -357,6 +447,7 @@ impl Session {
             voxel_edge_m,
             patches,
             receivers: self.air.lights(),
+            coarse,
             quality,
         });
         self.last_frame = Some(Arc::clone(&frame));
@@ -374,9 +465,15 @@ impl Session {
             refused_patches: self.local.as_ref().map_or(0, LocalSet::refused_count),
             settled: quality.settled,
             frames: self.frames,
-            drift: self.drift,
+            drift: self.views().map(|view| view.drift).fold(0.0, f32::max),
         }
     }
+}
+
+/// The light of every slot, in the order of frames.
+fn patch_lights(local: &mut LocalSet) -> Vec<PatchLight> {
+    let order = local.frame_order().to_vec();
+    order.into_iter().map(|slot| patch_light(local.resident(slot))).collect()
 }
 
 fn patch_light(resident: &Resident) -> PatchLight {
@@ -388,6 +485,7 @@ fn patch_light(resident: &Resident) -> PatchLight {
         sky_irradiance: resident.light.sky_irradiance(),
         known_share: (parts.resident + parts.sky + parts.absorbed).clamp(0.0, 1.0),
         far_share: parts.far.clamp(0.0, 1.0),
+        fed_share: resident.fed_share.clamp(0.0, 1.0),
     }
 }
 

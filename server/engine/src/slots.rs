@@ -1,5 +1,6 @@
 //! From columns of rows to slots: one table a chunk, indexed by the patch's place in it.
 
+use crate::far::FarSegment;
 use earthshine_world::{Chunk, ChunkId, ChunkRows, PatchId, RowParts};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -11,14 +12,16 @@ pub(crate) const FREE: u32 = u32::MAX;
 #[derive(Debug)]
 pub(crate) struct SlotTable {
     pub(crate) chunk: Arc<Chunk>,
+    /// Parents of each segment's patches; empty where no coarser view feeds this one.
+    pub(crate) far_segments: Vec<Option<FarSegment>>,
     slots: Vec<u32>,
     taken: u32,
 }
 
 impl SlotTable {
-    pub(crate) fn new(chunk: Arc<Chunk>) -> Self {
+    pub(crate) fn new(chunk: Arc<Chunk>, far_segments: Vec<Option<FarSegment>>) -> Self {
         let slots = vec![FREE; chunk.patches.len()];
-        Self { chunk, slots, taken: 0 }
+        Self { chunk, far_segments, slots, taken: 0 }
     }
 
     pub(crate) fn is_empty(&self) -> bool {

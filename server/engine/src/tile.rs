@@ -5,6 +5,7 @@
 
 use crate::error::TileFault;
 use earthshine_light::Occluders;
+use earthshine_world::lineage::Lineage;
 use earthshine_world::{Chunk, ChunkRows, ChunkSummary, Grid, Patch, ReceiverPlace, SamplePoint};
 use std::mem::size_of;
 use std::sync::Arc;
@@ -13,7 +14,9 @@ use std::sync::Arc;
 #[derive(Debug, Clone)]
 pub(crate) struct Tile {
     pub(crate) chunk: Arc<Chunk>,
-    /// Chunk and shadow casters, bytes.
+    /// Ancestors of the patches that its rows lead to.
+    pub(crate) lineage: Arc<Lineage>,
+    /// Chunk, ancestors and shadow casters, bytes. Ancestors that other tiles know too count once each.
     pub(crate) bytes: u64,
     /// Whether it has shadow casters at all.
     pub(crate) casts_shadows: bool,
@@ -21,12 +24,17 @@ pub(crate) struct Tile {
 
 impl Tile {
     /// Checks and weighs.
-    pub(crate) fn new(chunk: Arc<Chunk>, occluders: &Occluders, grid: &Grid) -> Result<Self, TileFault> {
+    pub(crate) fn new(
+        chunk: Arc<Chunk>,
+        lineage: Arc<Lineage>,
+        occluders: &Occluders,
+        grid: &Grid,
+    ) -> Result<Self, TileFault> {
         check_patches(&chunk, grid)?;
         check_rows(&chunk.rows, chunk.patches.len())?;
         check_receivers(&chunk, grid)?;
-        let bytes = (chunk_bytes(&chunk) + occluders.bytes()) as u64;
-        Ok(Self { chunk, bytes, casts_shadows: occluders.triangle_count() > 0 })
+        let bytes = (chunk_bytes(&chunk) + lineage.bytes() + occluders.bytes()) as u64;
+        Ok(Self { chunk, lineage, bytes, casts_shadows: occluders.triangle_count() > 0 })
     }
 }
 
@@ -133,7 +141,8 @@ mod tests {
         let fullest = world.chunks.values().max_by_key(|chunk| chunk.patches.len()).unwrap();
         let mut chunk = Chunk::clone(fullest);
         spoil(&mut chunk);
-        Tile::new(Arc::new(chunk), &Occluders::build(&OccluderMesh::default()), &world.index.grid).map(|_| ())
+        let no_casters = Occluders::build(&OccluderMesh::default());
+        Tile::new(Arc::new(chunk), Arc::default(), &no_casters, &world.index.grid).map(|_| ())
     }
 
     #[test]

@@ -9,9 +9,6 @@ use earthshine_protocol::{PROTOCOL_MAX, PROTOCOL_MIN, TEXT_BYTES_MAX};
 use earthshine_world::{Bounds, Light, LightRig, Rgb, Vec3, WorldIndex};
 use glam::IVec3;
 
-/// The one volume of a session, until there are levels.
-pub(crate) const VOLUME: u32 = 0;
-
 /// Program and version, as clients see it.
 pub(crate) const SERVER_VERSION: &str = concat!("earthshine ", env!("CARGO_PKG_VERSION"));
 
@@ -72,7 +69,7 @@ pub(crate) fn volume(store: &DeltaStore) -> v1::ServerMessage {
     let layout = store.layout();
     let IVec3 { x, y, z } = layout.origin;
     say(Message::Volume(v1::Volume {
-        volume: VOLUME,
+        volume: layout.level.into(),
         level: layout.level.into(),
         origin: Some(v1::VoxelCoord { x, y, z }),
         dims: Some(v1::Dims { x: layout.dims.x, y: layout.dims.y, z: layout.dims.z }),
@@ -84,7 +81,7 @@ pub(crate) fn volume(store: &DeltaStore) -> v1::ServerMessage {
 /// Light that changed. Always whole: the store's bounds keep a generation within one message.
 pub(crate) fn delta(changes: &Changes) -> v1::ServerMessage {
     let mut delta = v1::Delta {
-        volume: VOLUME,
+        volume: changes.level.into(),
         from_generation: changes.from,
         to_generation: changes.to,
         camera_sequence: changes.caption.camera_sequence,

@@ -54,11 +54,13 @@ fn hellos_that_cannot_be_are_named() {
 }
 
 #[test]
-fn the_level_0_wish_is_taken() {
+fn wishes_are_taken_level_by_level() {
     let wanted = |level, x| v1::VolumeWanted { level, dims_max: Some(v1::Dims { x, y: 5, z: 6 }) };
     let hello = v1::Hello { volumes: vec![wanted(1, 9), wanted(0, 4)], ..hello() };
     let Ok(Request::Hello(greeting)) = decode(Message::Hello(hello)) else { panic!("a hello") };
-    assert_eq!(greeting.dims_wanted, Some(UVec3::new(4, 5, 6)));
+    let most = UVec3::new(8, 8, 5);
+    let dims = |level| greeting.volumes_wanted.dims_of(level, most);
+    assert_eq!((dims(0), dims(1), dims(2)), (Some(UVec3::new(4, 5, 5)), Some(UVec3::new(8, 5, 5)), None));
     assert_eq!(greeting.protocol, PROTOCOL_MAX);
 }
 

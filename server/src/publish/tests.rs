@@ -17,6 +17,7 @@ fn frame(lights: &[(IVec3, f32)]) -> Frame {
             sky_irradiance: Vec3::splat(light * 0.5),
             known_share: 1.0,
             far_share: 0.0,
+            fed_share: 0.0,
         })
         .collect();
     patches.sort_by_key(|patch| patch.voxel.to_array());
@@ -27,6 +28,7 @@ fn frame(lights: &[(IVec3, f32)]) -> Frame {
         voxel_edge_m: 1.0,
         patches,
         receivers: Vec::new(),
+        coarse: Vec::new(),
         quality: FrameQuality::default(),
     }
 }
@@ -36,7 +38,7 @@ fn at(x: f32) -> Answered {
 }
 
 fn store() -> DeltaStore {
-    DeltaStore::new(UVec3::splat(16), 1.0, 4)
+    DeltaStore::new(0, UVec3::splat(16), 1.0, 4)
 }
 
 /// A client as the schema describes it.

@@ -6,6 +6,7 @@
 use crate::error::TileError;
 use crate::store::TileStore;
 use crate::{EncodeOptions, RowCodec, decode_bytes, encode};
+use earthshine_world::lineage::Parents;
 use earthshine_world::random::{Purpose, hash, unit_f32};
 use earthshine_world::{Chunk, ChunkId};
 use std::collections::BTreeMap;
@@ -110,6 +111,11 @@ impl<S> FaultyStore<S> {
 }
 
 impl<S: TileStore> TileStore for FaultyStore<S> {
+    /// Without faults: what is missing of it is a gap, which missing tiles make too.
+    fn parents(&self, id: ChunkId) -> Result<Option<Parents>, TileError> {
+        self.inner.parents(id)
+    }
+
     fn load(&self, id: ChunkId) -> Result<Chunk, TileError> {
         let attempt = self.next_attempt(id);
         let bits = self.plan.bits(id, attempt).rotate_left(20);

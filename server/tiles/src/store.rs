@@ -1,8 +1,10 @@
 //! Where chunks come from: a trait for the loader, and the folder on disk.
 
 use crate::error::TileError;
+use crate::format::Frame;
 use crate::manifest::{ChunkEntry, Manifest};
 use crate::reader::MappedTile;
+use earthshine_world::lineage::{Parents, parents_among};
 use earthshine_world::{Chunk, ChunkId};
 use std::path::{Path, PathBuf};
 
@@ -13,17 +15,31 @@ pub trait TileStore: Send + Sync {
     /// # Errors
     /// Whatever is wrong with its tile. [`TileError::is_transient`] says whether to try again.
     fn load(&self, id: ChunkId) -> Result<Chunk, TileError>;
+
+    /// The parents of the patches of chunk `id`; `None` if the world has no level above it.
+    ///
+    /// # Errors
+    /// Whatever is wrong with the patches in its tile or its parent's.
+    fn parents(&self, id: ChunkId) -> Result<Option<Parents>, TileError>;
 }
 
 impl<S: TileStore + ?Sized> TileStore for Box<S> {
     fn load(&self, id: ChunkId) -> Result<Chunk, TileError> {
         (**self).load(id)
     }
+
+    fn parents(&self, id: ChunkId) -> Result<Option<Parents>, TileError> {
+        (**self).parents(id)
+    }
 }
 
 impl<S: TileStore + ?Sized> TileStore for std::sync::Arc<S> {
     fn load(&self, id: ChunkId) -> Result<Chunk, TileError> {
         (**self).load(id)
+    }
+
+    fn parents(&self, id: ChunkId) -> Result<Option<Parents>, TileError> {
+        (**self).parents(id)
     }
 }
 
@@ -105,5 +121,19 @@ impl DirStore {
 impl TileStore for DirStore {
     fn load(&self, id: ChunkId) -> Result<Chunk, TileError> {
         self.map(id)?.decode_within(&|id| self.manifest.chunk(id).map(|entry| entry.patch_count))
+    }
+
+    fn parents(&self, id: ChunkId) -> Result<Option<Parents>, TileError> {
+        if self.manifest.chunk(id).is_none() || self.manifest.chunk(id.parent()).is_none() {
+            return Ok(None);
+        }
+        let fine = self.map(id)?.decode_patches()?;
+        let coarse = self.map(id.parent())?.decode_patches()?;
+        let orphan = || {
+            let path = self.path_of(id).unwrap_or_default();
+            let cause = format!("a patch has no parent in chunk {}", id.parent());
+            TileError::structure(&path, Frame::Patches)(cause)
+        };
+        parents_among(&fine, &coarse).map(Some).ok_or_else(orphan)
     }
 }

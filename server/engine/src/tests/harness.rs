@@ -80,6 +80,7 @@ impl Harness {
         Event::TileDecoded {
             chunk: Arc::clone(&self.world.chunks[&chunk]),
             occluders: Arc::clone(&self.world.occluders[&chunk]),
+            lineage: self.world.lineage_of(&self.world.chunks[&chunk]),
         }
     }
 

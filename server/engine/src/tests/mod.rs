@@ -3,10 +3,12 @@
 mod air;
 mod backend;
 mod budgets;
+mod far;
 mod faults;
 mod harness;
 mod light;
 mod light_off;
+mod pyramid;
 mod residency;
 mod simulator;
 pub(crate) mod world;

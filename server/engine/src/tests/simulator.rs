@@ -38,10 +38,11 @@ impl Simulation {
             links_per_patch: dice.pick(&[1, 4]),
             has_occluders: dice.chance(0.5),
         };
-        let world = RandomWorld::new(seed, shape);
+        let world = RandomWorld::new(seed, shape).with_levels(dice.pick(&[1, 2, 4]));
         let config = EngineConfig {
             seed,
             resident_patches_max: dice.pick(&[1, 6, 20, 1000]),
+            coarse_patches_max: dice.pick(&[1, 8, 1000]),
             sessions_max: 3,
             tiles_in_flight_max: dice.pick(&[1, 4]),
             decoded_bytes_max: dice.pick(&[8_000, 30_000, 1 << 30]),
@@ -92,7 +93,8 @@ impl Simulation {
             spoiled.rows.shares[0] = f32::NAN;
             chunk = Arc::new(spoiled);
         }
-        Event::TileDecoded { chunk, occluders: Arc::clone(&self.world.occluders[&id]) }
+        let lineage = self.world.lineage_of(&chunk);
+        Event::TileDecoded { chunk, occluders: Arc::clone(&self.world.occluders[&id]), lineage }
     }
 
     fn place(&mut self) -> Vec3 {
@@ -216,7 +218,11 @@ impl Simulation {
         self.digest(frame.session.0 << 32 | frame.number);
         self.digest(frame.time_s.to_bits());
         self.digest(u64::from(frame.quality.stale_direct) << 32 | u64::from(frame.quality.wanted_patches));
-        for light in &frame.patches {
+        let coarse = frame.coarse.iter().flat_map(|level| &level.patches);
+        for light in frame.patches.iter().chain(coarse) {
+            let sum = light.known_share + light.far_share;
+            assert!((sum - 1.0).abs() < 2e-3 && light.fed_share <= light.far_share + 2e-3, "{light:?}");
+            self.digest(light.fed_share.to_bits().into());
             for value in light.irradiance.to_array().into_iter().chain(light.sky_irradiance.to_array()) {
                 self.digest(u64::from(value.to_bits()));
             }

@@ -1,0 +1,205 @@
+//! The volumes of one session, one a level: what each client holds of each, and whose turn it is to be sent.
+//!
+//! Levels are independent: each has its deltas in flight, so that a large coarse volume never waits for a fine one.
+
+use crate::convert::VolumesWanted;
+use crate::engine_thread::Published;
+use crate::flow::Flow;
+use crate::publish::{Changes, DeltaStore};
+use earthshine_world::{ChunkSummary, Grid, WorldIndex};
+use glam::UVec3;
+
+/// One volume on its way to one client. Its name on the wire is its level.
+#[derive(Debug)]
+struct Stream {
+    store: DeltaStore,
+    flow: Flow,
+    /// Whether there is something the client has not been sent.
+    is_news: bool,
+}
+
+/// All volumes of a session, finest first.
+#[derive(Debug)]
+pub(crate) struct Streams {
+    streams: Vec<Stream>,
+}
+
+/// What a session's volumes may be.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct VolumeLimits {
+    /// Most voxels along the axes.
+    pub(crate) dims_max: UVec3,
+    /// Voxels a step.
+    pub(crate) snap_voxels: u32,
+    /// Deltas on their way.
+    pub(crate) in_flight_max: u32,
+}
+
+impl Streams {
+    /// Level 0 and the coarser levels of `index` that the client has room for.
+    pub(crate) fn new(wanted: &VolumesWanted, index: &WorldIndex, limits: VolumeLimits) -> Self {
+        let top = index.chunks.iter().map(|chunk: &ChunkSummary| chunk.id.level).max().unwrap_or(0);
+        let stream = |level: u8| {
+            let dims = wanted.dims_of(level, limits.dims_max)?;
+            let grid: Grid = index.grid.at_level(level);
+            let store = DeltaStore::new(level, dims, grid.voxel_edge_m, limits.snap_voxels);
+            Some(Stream { store, flow: Flow::new(limits.in_flight_max), is_news: false })
+        };
+        Self { streams: (0..=top).filter_map(stream).collect() }
+    }
+
+    /// A frame came.
+    pub(crate) fn mark_news(&mut self) {
+        self.streams.iter_mut().for_each(|stream| stream.is_news = true);
+    }
+
+    /// Whether every volume waits to be sent: then there is no need to hear of another frame.
+    pub(crate) fn are_all_news(&self) -> bool {
+        self.streams.iter().all(|stream| stream.is_news)
+    }
+
+    /// Whether a volume waits and may be sent.
+    pub(crate) fn may_send(&self) -> bool {
+        self.streams.iter().any(Stream::may_send)
+    }
+
+    /// The client holds `generation` of the volume `name`. Whether that can be.
+    pub(crate) fn acknowledge(&mut self, name: u32, generation: u64) -> bool {
+        let found = self.streams.iter_mut().find(|stream| u32::from(stream.store.layout().level) == name);
+        let Some(stream) = found else { return false };
+        if stream.flow.acknowledge(generation).is_err() {
+            return false;
+        }
+        stream.store.forget_emptied(stream.flow.held());
+        // It holds less than it was sent: it lost something, which no new frame is needed to tell.
+        stream.is_news |= stream.flow.is_empty() && stream.flow.held() < stream.store.generation();
+        true
+    }
+
+    /// Takes `published` into the coarsest volume that may be sent: where it is, if it moved, and what changed. The
+    /// coarsest goes first, so that there is something to show.
+    pub(crate) fn next(&mut self, published: &Published) -> Option<(Option<&DeltaStore>, Option<Changes>)> {
+        let stream = self.streams.iter_mut().rev().find(|stream| stream.may_send())?;
+        stream.is_news = false;
+        let moved = stream.store.absorb(&published.frame, published.camera);
+        // A frame whose changes are too small for the wire makes no new generation: what is on its way is enough.
+        let is_new = stream.store.generation() > stream.flow.newest();
+        let changes = if is_new { stream.store.delta_since(stream.flow.held()) } else { None };
+        if let Some(changes) = &changes {
+            stream.flow.sent(changes.to);
+        }
+        Some((moved.then_some(&stream.store), changes))
+    }
+}
+
+impl Stream {
+    fn may_send(&self) -> bool {
+        self.is_news && self.flow.has_room()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::publish::Answered;
+    use earthshine_engine::{Frame, FrameQuality, LevelLight, PatchLight, SessionId};
+    use earthshine_world::{Bounds, ChunkCoord, ChunkId, Direction, LightRig, Rgb, Vec3, VoxelCoord};
+    use std::sync::Arc;
+
+    fn index(levels: u8) -> WorldIndex {
+        let chunk = |level| ChunkSummary {
+            id: ChunkId::new(level, ChunkCoord::ZERO),
+            patch_count: 1,
+            nonzero_count: 0,
+            tile_bytes: 0,
+        };
+        WorldIndex {
+            grid: Grid { voxel_edge_m: 0.5, chunk_edge_voxels: 4 },
+            bounds: Bounds { min: Vec3::ZERO, max: Vec3::ONE },
+            chunks: (0..levels).map(chunk).collect(),
+            lights: LightRig::emission_only(),
+        }
+    }
+
+    fn streams(wanted: &VolumesWanted) -> Streams {
+        let limits = VolumeLimits { dims_max: UVec3::splat(16), snap_voxels: 2, in_flight_max: 1 };
+        Streams::new(wanted, &index(3), limits)
+    }
+
+    fn published(light: f32) -> Published {
+        let patches = vec![PatchLight {
+            voxel: VoxelCoord::ZERO,
+            direction: Direction::PosY,
+            irradiance: Rgb::splat(light),
+            sky_irradiance: Rgb::ZERO,
+            known_share: 1.0,
+            far_share: 0.0,
+            fed_share: 0.0,
+        }];
+        let coarse = |level| LevelLight { level, voxel_edge_m: 0.5, patches: patches.clone() };
+        let frame = Frame {
+            session: SessionId(1),
+            number: 1,
+            time_s: 0.0,
+            voxel_edge_m: 0.5,
+            receivers: Vec::new(),
+            coarse: vec![coarse(1), coarse(2)],
+            patches: patches.clone(),
+            quality: FrameQuality::default(),
+        };
+        let camera = Answered { sequence: 1, position: Vec3::ZERO };
+        Published { frame: Arc::new(frame), camera }
+    }
+
+    #[test]
+    fn each_level_is_sent_once_the_coarsest_first_and_waits_for_its_own_acks() {
+        let mut streams = streams(&VolumesWanted::Any);
+        assert!(!streams.may_send());
+        streams.mark_news();
+        let mut levels = Vec::new();
+        while streams.may_send() {
+            let (moved, changes) = streams.next(&published(1.0)).unwrap();
+            let layout = *moved.unwrap().layout();
+            assert_eq!(layout.voxel_edge_m, 0.5 * f32::from(1u16 << layout.level));
+            assert_eq!(changes.unwrap().voxels.len(), 1);
+            levels.push(layout.level);
+        }
+        assert_eq!(levels, [2, 1, 0]);
+        streams.mark_news();
+        assert!(!streams.may_send(), "one delta in flight a level");
+        assert!(streams.acknowledge(1, 1) && streams.may_send());
+        assert!(!streams.acknowledge(1, 9) && !streams.acknowledge(3, 1), "never sent");
+        let (moved, changes) = streams.next(&published(2.0)).unwrap();
+        assert!(moved.is_none() && changes.is_some_and(|changes| changes.from == 1));
+        assert!(!streams.may_send() && !streams.are_all_news());
+    }
+
+    #[test]
+    fn what_is_on_its_way_is_not_sent_again() {
+        let limits = VolumeLimits { dims_max: UVec3::splat(16), snap_voxels: 2, in_flight_max: 2 };
+        let mut streams = Streams::new(&VolumesWanted::Any, &index(3), limits);
+        for _ in 0..2 {
+            streams.mark_news();
+            let sent: Vec<_> = std::iter::from_fn(|| Some(streams.next(&published(1.0))?.1)).collect();
+            assert_eq!(sent.len(), 3);
+        }
+        streams.mark_news();
+        let levels: Vec<bool> =
+            std::iter::from_fn(|| Some(streams.next(&published(1.0))?.1.is_some())).collect();
+        assert_eq!(levels, [false; 3], "the same light, sent and not yet acknowledged");
+        streams.mark_news();
+        assert!(streams.next(&published(2.0)).unwrap().1.is_some());
+    }
+
+    #[test]
+    fn a_client_gets_the_levels_that_it_has_room_for() {
+        let wanted = VolumesWanted::These(vec![(0, None), (2, Some(UVec3::splat(4)))]);
+        let mut streams = streams(&wanted);
+        streams.mark_news();
+        let (moved, _) = streams.next(&published(1.0)).unwrap();
+        let layout = *moved.unwrap().layout();
+        assert_eq!((layout.level, layout.dims), (2, UVec3::splat(4)));
+        streams.next(&published(1.0)).unwrap();
+        assert_eq!((streams.streams[0].store.layout().dims, streams.may_send()), (UVec3::splat(16), false));
+    }
+}
