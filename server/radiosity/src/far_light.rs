@@ -199,7 +199,8 @@ mod tests {
                 row.push((Slot(other as u32), room.form_factor(patch as usize, with as usize)));
                 column.push((Slot(other as u32), room.form_factor(with as usize, patch as usize)));
             }
-            let add = Update::Add { slot: Slot(slot as u32), reflectance: own[slot], row, column };
+            let (reflectance, area) = (own[slot], room.area(patch as usize));
+            let add = Update::Add { slot: Slot(slot as u32), reflectance, area, row, column };
             backend.apply(&[add]).expect("a free slot");
         }
         let slots: Vec<Slot> = (0..set.patches().len() as u32).map(Slot).collect();
