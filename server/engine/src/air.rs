@@ -165,7 +165,7 @@ fn nearest(focus: Vec3, chunks: &[ChunkId], table: &ChunkTable, voxels_max: usiz
         let mut first = 0;
         for run in chunk.receivers.places.chunk_by(|a, b| a.voxel == b.voxel) {
             let voxel = run[0].voxel;
-            let distance = table.grid().voxel_centre(voxel).distance_squared(focus).to_bits();
+            let distance = table.levels()[0].grid.voxel_centre(voxel).distance_squared(focus).to_bits();
             near.push(Near { distance, key: (id, first), end: first + run.len(), voxel });
             first += run.len();
         }
