@@ -291,8 +291,8 @@ fn vertex_at(tracer: &SceneTracer<'_>, place: Vec3, normal: Vec3) -> Option<Vert
 }
 
 fn sky_irradiance(paths: &PathTracer<'_>, leaf: &Leaf, seed: u64) -> Rgb {
-    let sky = &paths.rig.sky;
-    if sky.lobes.iter().all(|&lobe| lobe == Rgb::ZERO) {
+    let is_dark = paths.rig.sky.lobes.iter().all(|&lobe| lobe == Rgb::ZERO);
+    if is_dark && paths.tracer.environment().is_none() {
         return Rgb::ZERO;
     }
     let (shift_u, shift_v) = unit_pair(seed);
@@ -301,7 +301,7 @@ fn sky_irradiance(paths: &PathTracer<'_>, leaf: &Leaf, seed: u64) -> Rgb {
         let direction = cosine_direction(leaf.normal, spread_pair(ray, shift_u, shift_v));
         let origin = off_surface(places[ray as usize % places.len()], leaf.normal);
         let is_free = paths.tracer.closest(origin, direction, 0.0, f32::INFINITY).is_none();
-        if is_free { sky.radiance(direction) } else { Rgb::ZERO }
+        if is_free { paths.sky_radiance(direction) } else { Rgb::ZERO }
     };
     (0..SKY_RAYS).map(ray).sum::<Rgb>() * (PI / SKY_RAYS as f32)
 }

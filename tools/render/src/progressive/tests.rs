@@ -109,6 +109,18 @@ fn an_open_floor_sends_its_light_away() {
 }
 
 #[test]
+fn an_environment_map_takes_the_place_of_the_sky() {
+    let mut builder = SceneBuilder::default();
+    let ground = builder.material(grey(0.5));
+    builder.plate(0.0, 4.0, true, ground);
+    let map = earthshine_scene::EnvironmentMap::new(4, 2, vec![Rgb::splat(3.0); 8], 0.0).expect("a map");
+    let tracer = SceneTracer::new(&builder.scene).under(Some(std::sync::Arc::new(map)));
+    let rig = LightRig::emission_only();
+    let solver = solved(&tracer, &rig, &coarse(4.0), 1.0);
+    assert!(solver.elements().leaves.iter().all(|leaf| (leaf.irradiance.x - 3.0 * PI).abs() < 1e-3));
+}
+
+#[test]
 fn opposite_squares_exchange_their_form_factor() {
     let mut builder = SceneBuilder::default();
     let black = builder.material(grey(0.0));

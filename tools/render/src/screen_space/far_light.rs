@@ -71,7 +71,7 @@ fn pixel(
         found.emitted += paths.looked_irradiance(position, normal, &mut stream);
         let direction = cosine_direction(normal, spread_pair(sample, shift_u, shift_v));
         let Some(hit) = paths.tracer.closest(origin, direction, 0.0, f32::INFINITY) else {
-            let sky = PI * paths.rig.sky.radiance(direction);
+            let sky = PI * paths.sky_radiance(direction);
             found.all += sky;
             found.far += sky.extend(1.0);
             continue;
