@@ -51,7 +51,7 @@ impl Default for BakeParameters {
             metals_black: false,
             receiver_reach_voxels: 4,
             receiver_rays: 512,
-            receiver_columns: 48,
+            receiver_columns: 24,
             grid: Grid { voxel_edge_m: 1.0, chunk_edge_voxels: 16 },
             method: BakeMethod::default(),
         }

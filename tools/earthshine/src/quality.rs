@@ -43,7 +43,7 @@ pub(crate) struct QualityArguments {
     #[arg(long, default_value_t = 512)]
     receiver_rays: u32,
     /// Most columns of a receiver's row.
-    #[arg(long, default_value_t = 48)]
+    #[arg(long, default_value_t = 24)]
     receiver_columns: u32,
     /// Every random number hangs on it.
     #[arg(long, default_value_t = 1)]
