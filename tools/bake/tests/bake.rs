@@ -75,10 +75,14 @@ fn methods() -> [BakeMethod; 3] {
     ]
 }
 
+/// Of level 0.
 fn chunks(world: &Path) -> Vec<Chunk> {
+    all_chunks(world).into_iter().filter(|chunk| chunk.id.level == 0).collect()
+}
+
+fn all_chunks(world: &Path) -> Vec<Chunk> {
     let store = DirStore::open(world).expect("a world");
     let index = store.manifest().index();
-    // All levels.
     index.chunks.iter().map(|chunk| store.load(chunk.id).expect("a sound tile")).collect()
 }
 
@@ -190,7 +194,7 @@ fn coarse_levels_have_the_energy_of_level_0_and_are_reciprocal() {
     assert!(patches.len() == 4 && patches.is_sorted_by(|fine, coarse| fine > coarse), "{patches:?}");
     assert_eq!(summary.levels[3].voxel_edge_m, 3.2);
     let mut world: BTreeMap<_, _> =
-        chunks(folder.path()).into_iter().map(|chunk| (chunk.id, chunk)).collect();
+        all_chunks(folder.path()).into_iter().map(|chunk| (chunk.id, chunk)).collect();
     let total = |level: u8, of: fn(&Chunk, usize) -> f32| -> f32 {
         let of_level = world.values().filter(|chunk| chunk.id.level == level);
         of_level.flat_map(|chunk| (0..chunk.patches.len()).map(move |i| of(chunk, i))).sum()
@@ -217,7 +221,7 @@ fn coarse_levels_have_the_energy_of_level_0_and_are_reciprocal() {
     let victim = *world.keys().find(|id| id.level == 2).expect("a chunk of level 2");
     world.get_mut(&victim).expect("it is there").patches[0].reflectance *= 1.01;
     let faults = check_energy(&world);
-    assert!(faults.len() >= 1 && faults[0].patch.chunk == victim, "{faults:?}");
+    assert!(!faults.is_empty() && faults[0].patch.chunk == victim, "{faults:?}");
     assert!(faults[0].what.starts_with("reflected"), "{faults:?}");
 }
 
@@ -245,7 +249,7 @@ fn a_closed_box_has_no_sky_and_its_area() {
     let area: f32 = scene.triangles.iter().map(|[a, b, c]| (b - a).cross(c - a).length() * 0.5).sum();
     bake_with(2, &scene, folder.path(), &Silent);
     let (mut inside, mut sky) = (0.0, 0.0f32);
-    for chunk in chunks(folder.path()).into_iter().filter(|chunk| chunk.id.level == 0) {
+    for chunk in chunks(folder.path()) {
         for (row, patch) in chunk.patches.iter().enumerate() {
             if patch.emission.max_element() > 0.0 {
                 inside += patch.area;
