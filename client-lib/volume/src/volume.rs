@@ -181,6 +181,24 @@ impl Volume {
         self.set(index, &light)
     }
 
+    /// The same light without that of the air: what surfaces alone would answer.
+    #[must_use]
+    pub fn without_air(&self) -> Self {
+        let mut surfaces = self.clone();
+        for index in 0..self.layout.voxel_count() {
+            if let Some(light) = self.get(index).filter(|light| light.air != 0) {
+                let mut kept = VoxelLight::EMPTY;
+                for direction in (0..6).filter(|&direction| light.has(direction) && !light.is_air(direction))
+                {
+                    let (all, sky) = (light.irradiance[direction], light.sky_irradiance[direction]);
+                    kept.set(direction, all, sky, light.quality[direction]);
+                }
+                surfaces.set(index, &kept);
+            }
+        }
+        surfaces
+    }
+
     /// Removes all light.
     pub fn clear(&mut self) {
         for owner in self.owners.drain(..) {

@@ -67,7 +67,7 @@ fn the_damaged_frame_is_named() {
             "{damaged}: {error}"
         );
     }
-    let error = decode_bytes(&tile[..100], &path).expect_err("a cut table");
+    let error = decode_bytes(&tile[..120], &path).expect_err("a cut table");
     assert!(matches!(error, TileError::Truncated { frame: Frame::Table, .. }), "{error}");
 }
 

@@ -134,7 +134,7 @@ fn impossible_chunks_are_refused_by_name() {
         ("has the share NaN", |c| c.rows.shares[0] = f32::NAN),
         ("sky shares", |c| c.rows.sky_shares[5][0] = f32::INFINITY),
         ("receivers: the receivers do not ascend", |c| c.receivers.places[1] = c.receivers.places[0]),
-        ("receivers: (", |c| {
+        ("facing", |c| {
             let patch = c.patches[0];
             c.receivers.places[0] = ReceiverPlace { voxel: patch.voxel, direction: patch.direction };
             c.receivers.places.sort_by_key(ReceiverPlace::order);

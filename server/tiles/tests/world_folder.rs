@@ -6,7 +6,7 @@ use chunks::{options, random_chunk, write_world};
 use earthshine_tiles::{
     DirStore, FaultPlan, FaultyStore, Manifest, RowCodec, TileError, TileStore, encode, fault::Fault,
 };
-use earthshine_world::{Chunk, ChunkCoord, ChunkId, Light, Vec3};
+use earthshine_world::{Chunk, ChunkCoord, ChunkId, Light, Receivers, Vec3};
 use std::path::Path;
 use std::time::Duration;
 
@@ -20,6 +20,7 @@ fn closed_chunks(count: i32) -> Vec<Chunk> {
             chunk.rows.row_starts.fill(0);
             chunk.rows.columns.clear();
             chunk.rows.shares.clear();
+            chunk.receivers = Receivers::default();
             chunk
         })
         .collect()
@@ -48,7 +49,7 @@ fn a_manifest_comes_back_and_is_readable() {
     manifest.save(folder.path()).unwrap();
     assert_eq!(Manifest::load(folder.path()).unwrap(), manifest);
     let text = std::fs::read_to_string(folder.path().join("world.toml")).unwrap();
-    for line in ["format_version = 1", "world_hash = \"00000000000000e4\"", "[[chunks]]", "[parameters.grid]"]
+    for line in ["format_version = 2", "world_hash = \"00000000000000e4\"", "[[chunks]]", "[parameters.grid]"]
     {
         assert!(text.contains(line), "{line} not in\n{text}");
     }
@@ -88,7 +89,7 @@ fn broken_manifests_say_what_is_wrong() {
         assert!(matches!(error, TileError::Manifest { .. }), "{error}");
         assert!(error.to_string().contains(words) && error.to_string().contains("world.toml"), "{error}");
     }
-    std::fs::write(&path, good.replace("format_version = 1", "format_version = 7\nnews = 1")).unwrap();
+    std::fs::write(&path, good.replace("format_version = 2", "format_version = 7\nnews = 1")).unwrap();
     assert!(matches!(Manifest::load(folder.path()), Err(TileError::Version { found: 7, .. })));
     std::fs::write(&path, [0xFF, 0xFE]).unwrap();
     assert!(matches!(Manifest::load(folder.path()), Err(TileError::Manifest { .. })));

@@ -99,7 +99,8 @@ impl Explained {
 /// Explains errors of one world under one light.
 pub(crate) struct Explainer<'a> {
     scene: SceneLight<'a>,
-    volume: &'a Volume,
+    /// Of surfaces alone: a lookup in the air is no weighted mean.
+    volume: Volume,
     options: ExplainOptions,
 }
 
@@ -110,12 +111,12 @@ impl<'a> Explainer<'a> {
     pub(crate) fn new(
         world: &'a WholeWorld,
         light: &'a WholeLight,
-        volume: &'a Volume,
+        volume: &Volume,
         tracer: &'a SceneTracer<'a>,
         rig: &'a LightRig,
         options: ExplainOptions,
     ) -> Self {
-        Self { scene: SceneLight::new(world, light, tracer, rig), volume, options }
+        Self { scene: SceneLight::new(world, light, tracer, rig), volume: volume.without_air(), options }
     }
 
     /// Explains every point that has light. `finished` is called once a point, from any thread.
@@ -127,7 +128,7 @@ impl<'a> Explainer<'a> {
         points: &[ReferencePoint],
         finished: &(dyn Fn() + Sync),
     ) -> anyhow::Result<Vec<Explained>> {
-        let unlit = Unlit::new(self.volume);
+        let unlit = Unlit::new(&self.volume);
         let reads: Vec<Option<Vec<Read>>> = points
             .par_iter()
             .map_init(|| unlit.clone(), |unlit, point| unlit.reads(point.position, point.normal))
@@ -181,7 +182,7 @@ impl<'a> Explainer<'a> {
             let light = self.volume.at(read.voxel).map(|light| light.irradiance[read.direction]);
             mean(light.unwrap_or(Vec3::ZERO))
         };
-        let served = crate::volume_light::at(self.volume, point.position, point.normal).map_or(0.0, mean);
+        let served = crate::volume_light::at(&self.volume, point.position, point.normal).map_or(0.0, mean);
         let summed: f64 = reads.iter().map(|read| f64::from(read.weight) * solved(read)).sum();
         ensure!(
             (summed - served).abs() <= 1e-3 * served.abs().max(1e-6),

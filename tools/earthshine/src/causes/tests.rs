@@ -71,6 +71,7 @@ fn explained(
     let folder = tempfile::tempdir().unwrap();
     let parameters = BakeParameters {
         rays_per_patch: rays,
+        receiver_reach_voxels: 0,
         grid: Grid { voxel_edge_m, chunk_edge_voxels: 16 },
         ..BakeParameters::default()
     };
