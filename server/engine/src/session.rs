@@ -48,7 +48,7 @@ pub(crate) struct Session {
     /// Which level this is a view of.
     pub(crate) level: u8,
     /// Views of the levels above, finer first; of level 0's view alone.
-    pub(crate) coarse: Vec<Session>,
+    pub(crate) coarse: Vec<Self>,
     /// Where distances are measured from; nothing before the first camera.
     pub(crate) focus: Option<Vec3>,
     pub(crate) rig: LightRig,

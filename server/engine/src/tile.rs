@@ -105,7 +105,7 @@ fn check_receivers(chunk: &Chunk, grid: &Grid) -> Result<(), TileFault> {
     if places.iter().any(strays) {
         return Err(TileFault::Receivers);
     }
-    check_rows(&chunk.receivers.rows, places.len()).map_err(|_| TileFault::Receivers)
+    check_rows(&chunk.receivers.rows, places.len()).or(Err(TileFault::Receivers))
 }
 
 fn check_rows(rows: &ChunkRows, patch_count: usize) -> Result<(), TileFault> {

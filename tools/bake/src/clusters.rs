@@ -8,7 +8,7 @@
 //!
 //! becomes one, until at most `clusters_per_voxel` are left and no pair is nearer than `cluster_distance`. Distances
 //! are in voxel edges, so that the metric does not hang on the unit of length. The form factors are those to coarse
-//! voxels, found by a few rays ([`coarse_exchange`](crate::coarse_exchange)), so that all of it is linear in voxels.
+//! voxels, found by a few rays (`coarse_exchange`), so that all of it is linear in voxels.
 //! Merging never crosses voxels.
 
 use crate::coarse_exchange::{CoarseGrid, Exchange, difference_squared, sum};

@@ -6,7 +6,7 @@
 //! one: a hit stands for **`|n_a| face / points`**, and the areas of a side's hits have its true area as their mean.
 //!
 //! A ray goes on behind what it hits, so that a voxel's inner layers count too; crossings nearer to each other than
-//! [`SAME_PLACE`] are one (shared edges, triangles that lie twice in one place). A hit belongs to the voxel that its
+//! `SAME_PLACE` are one (shared edges, triangles that lie twice in one place). A hit belongs to the voxel that its
 //! side faces, as everywhere; rays begin and end a little outside their voxel for surfaces in its very faces.
 //! Given up against sampling by area: exact areas, and pieces too small to be hit, whose light is then lost.
 

@@ -1,9 +1,9 @@
 //! Coarse levels, bottom-up: each is merged from the tiles of the one below, like the overviews of an image.
 //!
-//! A coarse patch is what all its children are together ([`merge`]): areas add, exchanges add, everything else is
+//! A coarse patch is what all its children are together (`merge`): areas add, exchanges add, everything else is
 //! weighted by area, so no level has more or less energy than another ([`check`]). Nothing is traced: a pyramid
 //! can be added to a world whose level 0 is finished, and needs no more memory than a few chunks and the
-//! list of patches ([`numbering`]). It stops at a level that is small enough to be held whole by everyone.
+//! list of patches (`numbering`). It stops at a level that is small enough to be held whole by everyone.
 
 pub mod check;
 mod merge;

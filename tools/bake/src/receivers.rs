@@ -5,7 +5,7 @@
 //! the cosine. Nothing reflects there, so no row is balanced against another; a row sums to one as it is traced.
 //!
 //! Air inside of something is left out: most of its rays end on sides without patches. Long rows are thinned
-//! ([`thin`]): a far patch that one ray found stands for its neighbours just as well.
+//! (`thin`): a far patch that one ray found stands for its neighbours just as well.
 
 use crate::checkpoint::Checkpoints;
 use crate::progress::{Progress, Stage};

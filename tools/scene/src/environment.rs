@@ -4,7 +4,7 @@
 //! so that every integral over the map is a sum. The upper edge is +Y. The middle column looks along +X and columns
 //! run from +X towards +Z, as three.js has it; a rotation turns the sky counter-clockwise seen from above.
 //!
-//! Not here: files ([`crate::environment_file`]), the six lobes of the service ([`crate::sky_projection`]), random
+//! Not here: files (`environment_file`), the six lobes of the service (`sky_projection`), random
 //! directions (the reference tracer has its own).
 
 use earthshine_world::{Direction, Rgb, Vec3};

@@ -113,7 +113,7 @@ fn evidence(explained: &Explained, cause: Cause) -> String {
     format!("{words} ({} of the error)", percent(part))
 }
 
-/// Refuses a path that [`write`] would refuse, before the work is done.
+/// Refuses a path that [`write()`] would refuse, before the work is done.
 ///
 /// # Errors
 /// Its ending is neither .csv nor .json.
