@@ -336,7 +336,7 @@ impl<I: Iterator<Item = (usize, f32)> + Clone> Kernel<f32> for SparseRow<'_, I> 
 
 /// Multiplies and adds as fast as the processor can: what the other kernels are measured against.
 pub(crate) struct PeakRate<'a> {
-    /// Steps of `FLOPS_A_STEP`.
+    /// Rounds, each one multiply-add on every one of [`PEAK_SUMS`] vectors.
     pub(crate) steps: u32,
     /// Something that depends on all of it.
     pub(crate) out: &'a mut f32,
