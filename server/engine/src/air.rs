@@ -1,8 +1,8 @@
 //! Light in empty air: the receivers nearest to one session's camera, gathered from the resident patches.
 //!
 //! A receiver holds no slot. Its irradiance is one sparse gather over what leaves the resident patches
-//! (`B = E + rho I`), plus the sky its row sees; columns that hold no slot are far, as in a patch's row, and bring no
-//! light. Whenever the light of the patches has changed all receivers are out of date; a tick gathers as many as its
+//! (`B = E + rho I`), plus the sky its row sees; columns that hold no slot are far and bring no
+//! light: coarser views feed patches alone. Whenever the light of the patches has changed all receivers are out of date; a tick gathers as many as its
 //! budget allows, those whose turn was longest ago first and among equals the nearest.
 
 use crate::PatchLight;
