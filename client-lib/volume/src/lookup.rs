@@ -205,18 +205,30 @@ mod tests {
         Layout { level: 0, origin: IVec3::new(-3, -2, 1), dims: UVec3::new(7, 6, 5), voxel_edge_m: EDGE_M }
     }
 
-    /// All six patches in every voxel, as `field` says at the voxel's centre.
-    fn filled(field: impl Fn(Vec3, usize) -> Vec3) -> Volume {
+    type Put = fn(&mut Volume, IVec3, usize, Vec3, Vec3, u8) -> bool;
+
+    /// All six directions in every voxel, put by `put`, as `field` says at the voxel's centre.
+    fn filled_by(put: Put, field: impl Fn(Vec3, usize) -> Vec3) -> Volume {
         let mut volume = Volume::new(layout()).unwrap();
         for index in 0..layout().voxel_count() {
             let voxel = layout().voxel_of(index);
             let centre = (voxel.as_vec3() + 0.5) * EDGE_M;
             for direction in 0..6 {
                 let light = field(centre, direction);
-                assert!(volume.set_patch(voxel, direction, light, light * 0.25, 255));
+                assert!(put(&mut volume, voxel, direction, light, light * 0.25, 255));
             }
         }
         volume
+    }
+
+    /// Patches everywhere.
+    fn filled(field: impl Fn(Vec3, usize) -> Vec3) -> Volume {
+        filled_by(Volume::set_patch, field)
+    }
+
+    /// Air everywhere.
+    fn aired(field: impl Fn(Vec3, usize) -> Vec3) -> Volume {
+        filled_by(Volume::set_receiver, field)
     }
 
     fn normals() -> [Vec3; 5] {
@@ -274,20 +286,6 @@ mod tests {
         assert_eq!(lookup(&[&volume], position, Vec3::X), None);
         let slanted = lookup(&[&volume], position - 0.05, Vec3::new(1.0, 1.0, 0.0)).unwrap();
         assert!((1.0..=2.0).contains(&slanted.irradiance.x));
-    }
-
-    /// Air in every voxel, as `field` says at the voxel's centre.
-    fn aired(field: impl Fn(Vec3, usize) -> Vec3) -> Volume {
-        let mut volume = Volume::new(layout()).unwrap();
-        for index in 0..layout().voxel_count() {
-            let voxel = layout().voxel_of(index);
-            let centre = (voxel.as_vec3() + 0.5) * EDGE_M;
-            for direction in 0..6 {
-                let light = field(centre, direction);
-                assert!(volume.set_receiver(voxel, direction, light, light * 0.25, 255));
-            }
-        }
-        volume
     }
 
     /// Goal: at slanted normals air reads what an ambient cube cannot. Method: irradiance under a half-bright sky,

@@ -157,10 +157,7 @@ impl Volume {
         sky_irradiance: Vec3,
         quality: u8,
     ) -> bool {
-        let Some(index) = self.layout.index_of(voxel) else { return false };
-        let mut light = self.get(index).copied().unwrap_or(VoxelLight::EMPTY);
-        light.set(direction, irradiance, sky_irradiance, quality);
-        self.set(index, &light)
+        self.change(voxel, |light| light.set(direction, irradiance, sky_irradiance, quality))
     }
 
     /// Puts one receiver into `voxel`, unless a patch is on `direction`. Says whether `voxel` is inside.
@@ -175,10 +172,7 @@ impl Volume {
         sky_irradiance: Vec3,
         quality: u8,
     ) -> bool {
-        let Some(index) = self.layout.index_of(voxel) else { return false };
-        let mut light = self.get(index).copied().unwrap_or(VoxelLight::EMPTY);
-        light.set_air(direction, irradiance, sky_irradiance, quality);
-        self.set(index, &light)
+        self.change(voxel, |light| light.set_air(direction, irradiance, sky_irradiance, quality))
     }
 
     /// The same light without that of the air: what surfaces alone would answer.
@@ -231,6 +225,14 @@ impl Volume {
     /// All voxels with light, in no particular order that lasts.
     pub fn iter(&self) -> impl Iterator<Item = (IVec3, &VoxelLight)> {
         self.owners.iter().map(|&index| self.layout.voxel_of(index)).zip(&self.lights)
+    }
+
+    /// Says whether `voxel` is inside.
+    fn change(&mut self, voxel: IVec3, change: impl FnOnce(&mut VoxelLight)) -> bool {
+        let Some(index) = self.layout.index_of(voxel) else { return false };
+        let mut light = self.get(index).copied().unwrap_or(VoxelLight::EMPTY);
+        change(&mut light);
+        self.set(index, &light)
     }
 
     fn remove(&mut self, place: u32) {

@@ -5,6 +5,7 @@
 use crate::causes::{Cause, ExplainOptions, Explainer};
 use crate::output::out;
 use crate::progress_bars::counted;
+use crate::reference_light;
 use crate::scene_source::SceneSource;
 use crate::volume_light;
 use crate::whole_world::{WholeLight, WholeWorld};
@@ -14,7 +15,7 @@ use earthshine_render::camera::Pinhole;
 use earthshine_render::compare_points::{DARK_SHARE, LightErrors, compare_points};
 use earthshine_render::csv::ReferencePoint;
 use earthshine_render::difference::false_colour;
-use earthshine_render::{ReferenceOptions, SceneTracer, image_file, irradiance_at_points, legend};
+use earthshine_render::{ReferenceOptions, SceneTracer, image_file, legend};
 use earthshine_volume::Volume;
 use earthshine_world::{Rgb, Vec3};
 use image::RgbImage;
@@ -103,19 +104,8 @@ impl ErrorView<'_> {
             target_error_rel: 0.0,
             ..ReferenceOptions::default()
         };
-        let bar = counted("reference", "pixels", asked.len() as u64, self.quiet);
-        let found = irradiance_at_points(self.tracer, &self.source.lights, &asked, &options, &|| bar.inc(1));
-        bar.finish_and_clear();
-        let reference: Vec<ReferencePoint> = asked
-            .iter()
-            .zip(found)
-            .map(|(&(position, normal), estimate)| ReferencePoint {
-                position,
-                normal,
-                irradiance: estimate.irradiance,
-                standard_error: estimate.standard_error,
-            })
-            .collect();
+        let reference =
+            reference_light::traced(self.tracer, &self.source.lights, &asked, &options, self.quiet);
         let served: Vec<_> =
             asked.iter().map(|&(position, normal)| volume_light::at(self.volume, position, normal)).collect();
         let errors = compare_points(&reference, &served)?;

@@ -22,6 +22,7 @@ mod method;
 mod output;
 mod progress_bars;
 mod quality;
+mod reference_light;
 mod render;
 mod scene_source;
 mod serve;

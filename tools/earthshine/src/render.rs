@@ -88,7 +88,7 @@ pub(crate) fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     arguments.check()?;
     let source = scene_source::load(&arguments.scene, arguments.lights.as_deref(), false)?;
     scene_source::warn_if_dark(&source);
-    let tracer = SceneTracer::new(&source.scene).under(source.environment.clone());
+    let tracer = source.tracer();
     let camera = default_view::pinhole(&arguments.view, &tracer, &source.lights)?;
     let options = PictureOptions { camera, samples: arguments.samples, seed: arguments.seed };
     let task = Task { arguments, source: &source, tracer: &tracer, options };

@@ -2,6 +2,7 @@
 
 use anyhow::Context as _;
 use earthshine_gen::{GenOptions, WorldKind};
+use earthshine_render::SceneTracer;
 use earthshine_scene::{EnvironmentMap, ImportOptions, LightsFile, Scene};
 use earthshine_world::LightRig;
 use std::path::Path;
@@ -16,6 +17,13 @@ pub(crate) struct SceneSource {
     pub(crate) lights: LightRig,
     /// What paths see in place of the rig's sky; `None` where that has no map.
     pub(crate) environment: Option<Arc<EnvironmentMap>>,
+}
+
+impl SceneSource {
+    /// A path tracer of the scene under its sky: the real map, where there is one.
+    pub(crate) fn tracer(&self) -> SceneTracer<'_> {
+        SceneTracer::new(&self.scene).under(self.environment.clone())
+    }
 }
 
 /// Loads `scene`, and `lights` where a file is given.

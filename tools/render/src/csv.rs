@@ -4,6 +4,7 @@
 //! by name: their order is free and further ones are ignored. Other renderers write these files too, so
 //! everything in them is checked and a fault is named by line and column.
 
+use crate::PointEstimate;
 use earthshine_world::{Rgb, Vec3};
 use std::path::{Path, PathBuf};
 
@@ -25,6 +26,15 @@ pub struct ReferencePoint {
     pub irradiance: Rgb,
     /// Of the irradiance, lx.
     pub standard_error: Rgb,
+}
+
+impl ReferencePoint {
+    /// What our own path tracer found at a place (position, unit normal).
+    #[must_use]
+    pub fn of((position, normal): (Vec3, Vec3), estimate: &PointEstimate) -> Self {
+        let PointEstimate { irradiance, standard_error, .. } = *estimate;
+        Self { position, normal, irradiance, standard_error }
+    }
 }
 
 /// A file that holds no reference light.

@@ -1,14 +1,12 @@
 //! `bench bake`: rays, bytes and seconds of a bake into a scratch folder.
 
-use super::Report;
+use super::{Report, scratch};
 use crate::generate::ShapeArguments;
-use crate::progress_bars::BakeBars;
 use crate::quality::QualityArguments;
 use crate::{machine, scene_source};
 use anyhow::Context as _;
 use clap::Args;
-use earthshine_bake::{BakeOptions, BakeSummary, Levels};
-use earthshine_tiles::RowCodec;
+use earthshine_bake::{BakeSummary, Levels};
 use serde::Serialize;
 use std::time::Instant;
 
@@ -48,18 +46,9 @@ pub(crate) fn run(arguments: &BakeBenchArguments, json: bool) -> anyhow::Result<
     let shape = ShapeArguments::of(arguments.shape.triangles, arguments.shape.size).options();
     let source =
         scene_source::load_generated(&arguments.scene, None, arguments.quality.metals_black(), &shape)?;
-    let options = BakeOptions {
-        parameters: arguments.quality.parameters(&source),
-        codec: RowCodec::Half,
-        scene_name: source.name.clone(),
-        lights: source.lights.clone(),
-        overwrite: false,
-        levels: Levels::Auto,
-    };
     let folder = tempfile::tempdir().context("a scratch folder for the world")?;
-    let bars = BakeBars::new(json);
-    let summary = earthshine_bake::bake(&source.scene, folder.path(), &options, &bars)?;
-    bars.finish();
+    let parameters = arguments.quality.parameters(&source);
+    let summary = scratch::bake(&source, parameters, Levels::Auto, folder.path(), json)?;
     let figures = Figures { summary, peak_rss_bytes: machine::peak_rss_bytes() };
     let seconds = started.elapsed().as_secs_f64();
     Report::new("bake", &source.name, "none", arguments.quality.seed, seconds, figures).print(json)

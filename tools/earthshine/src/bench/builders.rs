@@ -3,19 +3,18 @@
 //! The table in `tools/bake/BUILDERS.md` is what it prints with `--markdown`.
 
 use super::Report;
+use super::accuracy::measured::baked;
 use crate::output::out;
-use crate::progress_bars::{BakeBars, counted};
 use crate::quality::QualityArguments;
+use crate::reference_light;
 use crate::scene_source::{self, SceneSource};
 use crate::volume_light;
-use crate::whole_world::WholeWorld;
-use anyhow::Context as _;
 use clap::Args;
-use earthshine_bake::{BakeError, BakeOptions, BakeSummary, Levels};
+use earthshine_bake::BakeError;
+use earthshine_render::ReferenceOptions;
 use earthshine_render::compare_points::{LightErrors, compare_points};
 use earthshine_render::csv::{self, ReferencePoint};
-use earthshine_render::{ReferenceOptions, SceneTracer, irradiance_at_points};
-use earthshine_tiles::{BakeMethod, BakeParameters, PatchBuilder, RowCodec, RowEstimator, SampleSource};
+use earthshine_tiles::{BakeMethod, BakeParameters, PatchBuilder, RowEstimator, SampleSource};
 use earthshine_world::{AxisWeights, Rgb};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -68,7 +67,7 @@ struct Made {
     #[serde(flatten)]
     errors: LightErrors,
     absorbed_share_mean: f64,
-    bake_seconds: f64,
+    bake_seconds: Option<f64>,
     world_bytes: u64,
 }
 
@@ -118,18 +117,17 @@ fn figures_of(
     quiet: bool,
 ) -> anyhow::Result<BuilderFigures> {
     match baked(source, parameters, quiet) {
-        Ok((world, summary)) => {
-            let volume = world.volume(&world.solve(&source.lights))?;
-            let measured: Vec<Option<Rgb>> = reference
+        Ok(measured) => {
+            let light: Vec<Option<Rgb>> = reference
                 .iter()
-                .map(|point| volume_light::at(&volume, point.position, point.normal))
+                .map(|point| volume_light::at(&measured.volume, point.position, point.normal))
                 .collect();
             let made = Made {
-                patches: summary.patches,
-                errors: compare_points(reference, &measured)?,
-                absorbed_share_mean: summary.absorbed_share_mean,
-                bake_seconds: summary.seconds,
-                world_bytes: summary.world_bytes,
+                patches: measured.patches,
+                errors: compare_points(reference, &light)?,
+                absorbed_share_mean: measured.absorbed_share_mean,
+                bake_seconds: measured.bake_seconds,
+                world_bytes: measured.world_bytes,
             };
             Ok(BuilderFigures { builder, made: Some(made), refused: None })
         }
@@ -142,27 +140,6 @@ fn figures_of(
     }
 }
 
-/// Bakes into a scratch folder and loads the world.
-fn baked(
-    source: &SceneSource,
-    parameters: BakeParameters,
-    quiet: bool,
-) -> anyhow::Result<(WholeWorld, BakeSummary)> {
-    let folder = tempfile::tempdir().context("a scratch folder for the world")?;
-    let options = BakeOptions {
-        parameters,
-        codec: RowCodec::Half,
-        scene_name: source.name.clone(),
-        lights: source.lights.clone(),
-        overwrite: false,
-        levels: Levels::Exactly(1),
-    };
-    let bars = BakeBars::new(quiet);
-    let summary = earthshine_bake::bake(&source.scene, folder.path(), &options, &bars)?;
-    bars.finish();
-    Ok((WholeWorld::load(folder.path())?, summary))
-}
-
 fn reference_points(
     arguments: &BuildersArguments,
     source: &SceneSource,
@@ -171,20 +148,11 @@ fn reference_points(
     if let Some(path) = &arguments.reference {
         return Ok(csv::read(path)?);
     }
-    let tracer = SceneTracer::new(&source.scene);
+    let tracer = source.tracer();
     let seed = arguments.quality.seed;
     let places = volume_light::random_places(&tracer, arguments.point_count, seed);
-    let bar = counted("reference", "points", places.len() as u64, quiet);
     let options = ReferenceOptions { seed, target_error_rel: arguments.noise, ..ReferenceOptions::default() };
-    let estimates = irradiance_at_points(&tracer, &source.lights, &places, &options, &|| bar.inc(1));
-    bar.finish_and_clear();
-    let point = |((position, normal), estimate): (_, earthshine_render::PointEstimate)| ReferencePoint {
-        position,
-        normal,
-        irradiance: estimate.irradiance,
-        standard_error: estimate.standard_error,
-    };
-    Ok(places.into_iter().zip(estimates).map(point).collect())
+    Ok(reference_light::traced(&tracer, &source.lights, &places, &options, quiet))
 }
 
 fn print_table(scene: &str, figures: &Figures) {
@@ -206,7 +174,7 @@ fn print_table(scene: &str, figures: &Figures) {
             percent(made.errors.bias),
             made.errors.uncovered,
             percent(made.absorbed_share_mean),
-            made.bake_seconds,
+            made.bake_seconds.unwrap_or(0.0),
             made.world_bytes as f64 / 1e6
         );
     }

@@ -3,19 +3,17 @@
 //!
 //! The nearest patches around a camera are resident; the light of the nearer half of them is compared, relative RMSE.
 
-use super::Report;
+use super::{Report, scratch};
 use crate::output::out;
-use crate::progress_bars::BakeBars;
 use crate::quality::QualityArguments;
 use crate::scene_source::{self, SceneSource};
 use crate::whole_world::{LIMITS, WholeLight, WholeWorld};
 use anyhow::Context as _;
 use clap::Args;
-use earthshine_bake::{BakeOptions, Levels};
+use earthshine_bake::Levels;
 use earthshine_gen::GenOptions;
 use earthshine_radiosity::far_light::{ResidentSet, mean_over_children};
 use earthshine_radiosity::gather::Sources;
-use earthshine_tiles::RowCodec;
 use earthshine_world::{Grid, LightRig, Rgb, Vec3};
 use serde::Serialize;
 use std::collections::HashMap;
@@ -108,17 +106,7 @@ fn baked(
     world: &Path,
     quiet: bool,
 ) -> anyhow::Result<Vec<WholeWorld>> {
-    let options = BakeOptions {
-        parameters: quality.parameters(source),
-        codec: RowCodec::Half,
-        scene_name: source.name.clone(),
-        lights: source.lights.clone(),
-        overwrite: false,
-        levels: Levels::Auto,
-    };
-    let bars = BakeBars::new(quiet);
-    let summary = earthshine_bake::bake(&source.scene, world, &options, &bars)?;
-    bars.finish();
+    let summary = scratch::bake(source, quality.parameters(source), Levels::Auto, world, quiet)?;
     summary.levels.iter().map(|level| WholeWorld::load_level(world, level.level)).collect()
 }
 

@@ -11,6 +11,7 @@ mod far;
 mod matrix;
 mod moving_sphere;
 mod reference;
+mod scratch;
 mod tiles;
 
 use crate::machine::Machine;

@@ -5,16 +5,16 @@
 
 use super::Report;
 use super::accuracy::measured::baked;
-use crate::progress_bars::counted;
 use crate::quality::QualityArguments;
+use crate::reference_light;
 use crate::scene_source::{self, SceneSource};
 use crate::volume_light;
 use anyhow::{Context as _, ensure};
 use clap::Args;
 use earthshine_gen::WorldKind;
+use earthshine_render::ReferenceOptions;
 use earthshine_render::compare_points::{LightErrors, compare_points};
 use earthshine_render::csv::{self, ReferencePoint};
-use earthshine_render::{ReferenceOptions, SceneTracer, irradiance_at_points};
 use earthshine_volume::Volume;
 use earthshine_world::{Rgb, Vec3};
 use serde::Serialize;
@@ -108,7 +108,7 @@ pub(crate) fn run(arguments: &SphereArguments, json: bool) -> anyhow::Result<()>
     let metals_black = arguments.quality.metals_black();
     let source = scene_source::load(&arguments.scene, arguments.lights.as_deref(), metals_black)?;
     let way = Way::of(arguments, &source)?;
-    let measured = baked(&source, &arguments.quality, json)?;
+    let measured = baked(&source, arguments.quality.parameters(&source), json)?;
     let volume = &measured.volume;
     let voxel_edge_m = volume.layout().voxel_edge_m;
     let radius_m = arguments.radius.unwrap_or_else(|| (voxel_edge_m / 8.0).max(0.05));
@@ -217,22 +217,12 @@ fn reference(
         ensure!(is_same, "{} is of another way, or of other points", path.display());
         return Ok(points);
     }
-    let tracer = SceneTracer::new(&source.scene);
-    let bar = counted("reference", "points", places.len() as u64, quiet);
     let options = ReferenceOptions {
         seed: arguments.quality.seed,
         target_error_rel: arguments.noise,
         ..ReferenceOptions::default()
     };
-    let estimates = irradiance_at_points(&tracer, &source.lights, places, &options, &|| bar.inc(1));
-    bar.finish_and_clear();
-    let points = places.iter().zip(estimates).map(|(&(position, normal), estimate)| ReferencePoint {
-        position,
-        normal,
-        irradiance: estimate.irradiance,
-        standard_error: estimate.standard_error,
-    });
-    let points: Vec<_> = points.collect();
+    let points = reference_light::traced(&source.tracer(), &source.lights, places, &options, quiet);
     if let Some(path) = &arguments.reference_out {
         csv::write(path, &points).with_context(|| path.display().to_string())?;
     }

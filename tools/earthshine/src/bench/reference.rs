@@ -9,7 +9,7 @@ use clap::Args;
 use earthshine_render::agreement::{Agreement, agreement};
 use earthshine_render::compare_points::{LightErrors, compare_points};
 use earthshine_render::csv::{self, ReferencePoint};
-use earthshine_render::{ReferenceOptions, SceneTracer, irradiance_at_points};
+use earthshine_render::{ReferenceOptions, irradiance_at_points};
 use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -71,7 +71,7 @@ pub(crate) fn run(arguments: &ReferenceArguments, json: bool) -> anyhow::Result<
     }
     let metals_black = arguments.metals == Metals::Black;
     let source = scene_source::load(&arguments.scene, arguments.lights.as_deref(), metals_black)?;
-    let tracer = SceneTracer::new(&source.scene).under(source.environment.clone());
+    let tracer = source.tracer();
     let places: Vec<_> = theirs.iter().map(|point| (point.position, point.normal)).collect();
     let options = ReferenceOptions {
         seed: arguments.seed,
@@ -84,16 +84,8 @@ pub(crate) fn run(arguments: &ReferenceArguments, json: bool) -> anyhow::Result<
     let found = irradiance_at_points(&tracer, &source.lights, &places, &options, &|| bar.inc(1));
     let seconds = started.elapsed().as_secs_f64();
     bar.finish_and_clear();
-    let ours: Vec<ReferencePoint> = places
-        .iter()
-        .zip(&found)
-        .map(|(&(position, normal), estimate)| ReferencePoint {
-            position,
-            normal,
-            irradiance: estimate.irradiance,
-            standard_error: estimate.standard_error,
-        })
-        .collect();
+    let ours: Vec<ReferencePoint> =
+        places.iter().zip(&found).map(|(&place, estimate)| ReferencePoint::of(place, estimate)).collect();
     if let Some(path) = &arguments.out {
         csv::write(path, &ours)?;
     }

@@ -1,12 +1,11 @@
 //! A world with its light, baked for the occasion or read from a folder.
 
-use crate::progress_bars::BakeBars;
-use crate::quality::QualityArguments;
+use crate::bench::scratch;
 use crate::scene_source::SceneSource;
 use crate::whole_world::{WholeLight, WholeWorld};
 use anyhow::{Context as _, ensure};
-use earthshine_bake::{BakeOptions, Levels, identity};
-use earthshine_tiles::RowCodec;
+use earthshine_bake::{Levels, identity};
+use earthshine_tiles::BakeParameters;
 use earthshine_volume::Volume;
 use std::path::Path;
 use std::time::Instant;
@@ -56,21 +55,11 @@ impl Measured {
 /// Bakes into a scratch folder, loads and solves.
 pub(in crate::bench) fn baked(
     source: &SceneSource,
-    quality: &QualityArguments,
+    parameters: BakeParameters,
     quiet: bool,
 ) -> anyhow::Result<Measured> {
     let folder = tempfile::tempdir().context("a scratch folder for the world")?;
-    let options = BakeOptions {
-        parameters: quality.parameters(source),
-        codec: RowCodec::Half,
-        scene_name: source.name.clone(),
-        lights: source.lights.clone(),
-        overwrite: false,
-        levels: Levels::Exactly(1),
-    };
-    let bars = BakeBars::new(quiet);
-    let summary = earthshine_bake::bake(&source.scene, folder.path(), &options, &bars)?;
-    bars.finish();
+    let summary = scratch::bake(source, parameters, Levels::Exactly(1), folder.path(), quiet)?;
     Measured::solve(WholeWorld::load(folder.path())?, source, Some(summary.seconds))
 }
 

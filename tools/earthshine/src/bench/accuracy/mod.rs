@@ -123,7 +123,7 @@ pub(crate) fn run(arguments: &AccuracyArguments, json: bool) -> anyhow::Result<(
     }
     let measured = match &arguments.world {
         Some(folder) => measured::loaded(&source, folder)?,
-        None => measured::baked(&source, &arguments.quality, json)?,
+        None => measured::baked(&source, arguments.quality.parameters(&source), json)?,
     };
     let (light, figures) = compared(&measured, &reference, reference_seconds)?;
     if let Some(path) = &arguments.out {

@@ -1,12 +1,12 @@
 //! Where light is compared, and what it should be there.
 
 use super::AccuracyArguments;
-use crate::progress_bars::counted;
+use crate::reference_light;
 use crate::scene_source::SceneSource;
 use crate::volume_light;
 use anyhow::{Context as _, bail, ensure};
+use earthshine_render::ReferenceOptions;
 use earthshine_render::csv::{self, ReferencePoint};
-use earthshine_render::{ReferenceOptions, SceneTracer, irradiance_at_points};
 use earthshine_world::Vec3;
 use std::collections::HashMap;
 use std::path::Path;
@@ -32,29 +32,17 @@ pub(super) fn reference(
             _ => Ok(reference),
         };
     }
-    let tracer = SceneTracer::new(&source.scene).under(source.environment.clone());
+    let tracer = source.tracer();
     let places = places.unwrap_or_else(|| {
         volume_light::random_places(&tracer, arguments.point_count, arguments.quality.seed)
     });
     ensure!(!places.is_empty(), "no point of {} sees out: name points with --points", source.name);
-    let bar = counted("reference", "points", places.len() as u64, quiet);
     let options = ReferenceOptions {
         seed: arguments.quality.seed,
         target_error_rel: arguments.noise,
         ..ReferenceOptions::default()
     };
-    let estimates = irradiance_at_points(&tracer, &source.lights, &places, &options, &|| bar.inc(1));
-    bar.finish_and_clear();
-    Ok(places
-        .into_iter()
-        .zip(estimates)
-        .map(|((position, normal), estimate)| ReferencePoint {
-            position,
-            normal,
-            irradiance: estimate.irradiance,
-            standard_error: estimate.standard_error,
-        })
-        .collect())
+    Ok(reference_light::traced(&tracer, &source.lights, &places, &options, quiet))
 }
 
 fn places(path: &Path) -> anyhow::Result<Vec<(Vec3, Vec3)>> {

@@ -102,7 +102,7 @@ pub(super) fn run(
     let mut steps = Vec::with_capacity(sweep.values.len());
     for &value in &sweep.values {
         let quality = sweep.varied.applied(&arguments.quality, value);
-        let measured = measured::baked(source, &quality, json)?;
+        let measured = measured::baked(source, quality.parameters(source), json)?;
         let (_, figures) = compared(&measured, reference, 0.0)?;
         steps.push(figures);
     }

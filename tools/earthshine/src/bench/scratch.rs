@@ -1,0 +1,29 @@
+//! Worlds baked for one measurement, in a folder of the caller's.
+
+use crate::progress_bars::BakeBars;
+use crate::scene_source::SceneSource;
+use earthshine_bake::{BakeError, BakeOptions, BakeSummary, Levels};
+use earthshine_tiles::{BakeParameters, RowCodec};
+use std::path::Path;
+
+/// Bakes `source` into `world`, under progress bars.
+pub(super) fn bake(
+    source: &SceneSource,
+    parameters: BakeParameters,
+    levels: Levels,
+    world: &Path,
+    quiet: bool,
+) -> Result<BakeSummary, BakeError> {
+    let options = BakeOptions {
+        parameters,
+        codec: RowCodec::Half,
+        scene_name: source.name.clone(),
+        lights: source.lights.clone(),
+        overwrite: false,
+        levels,
+    };
+    let bars = BakeBars::new(quiet);
+    let summary = earthshine_bake::bake(&source.scene, world, &options, &bars)?;
+    bars.finish();
+    Ok(summary)
+}
