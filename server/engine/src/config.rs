@@ -59,7 +59,7 @@ pub struct EngineConfig {
     pub removals_per_tick_max: u32,
     /// Sample points times lights that are lit a tick (about the number of shadow rays), over all sessions.
     ///
-    /// At least one patch a tick and session is lit however small this is. A core traces 2 to 3 million rays a second.
+    /// At least one patch a tick and session is lit however small this is.
     /// - Higher: moving lights are followed closely; longer ticks.
     /// - Lower: shorter ticks; direct light is older (counted as stale in each frame).
     pub shadow_points_per_tick_max: u32,
@@ -69,7 +69,7 @@ pub struct EngineConfig {
     /// - Higher: moving objects are lit farther away; more memory, larger deltas.
     /// - 0: moving objects have light only next to surfaces.
     pub receiver_voxels_max: u32,
-    /// Rows of receivers gathered a tick, over all sessions, at least 1. A core gathers several million a second.
+    /// Rows of receivers gathered a tick, over all sessions, at least 1.
     ///
     /// One voxel a session and tick is gathered however small this is.
     /// - Higher: light in the air follows the light of surfaces closely; longer ticks.

@@ -1,4 +1,4 @@
-//! Chunks to tiles: rows in local numbers, sample points, occluders; the manifest last.
+//! Chunks to tiles: rows in local numbers, sample points, receivers, occluders; the manifest last.
 
 use crate::BakeError;
 use crate::clip::{Polygon, clip_to_grid};

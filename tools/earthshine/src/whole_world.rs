@@ -151,12 +151,11 @@ impl WholeWorld {
     }
 
     /// What leaves each patch, `B = E + rho I`, lm/m2.
-    fn exitance(&self, light: &WholeLight) -> Vec<Rgb> {
-        let patches = self.chunks.iter().flat_map(|chunk| &chunk.patches);
+    pub(crate) fn exitance(&self, light: &WholeLight) -> Vec<Rgb> {
         let leaving = |(index, patch): (usize, &Patch)| {
             light.direct_exitance[index] + patch.reflectance * light.irradiance[index]
         };
-        patches.enumerate().map(leaving).collect()
+        self.patches().enumerate().map(leaving).collect()
     }
 
     /// All irradiance on each receiver of `chunk`, and the sky's part of it, lx: one gather over `exitance`.

@@ -7,6 +7,7 @@ use super::{Report, scratch};
 use crate::output::out;
 use crate::quality::QualityArguments;
 use crate::scene_source::{self, SceneSource};
+use crate::view::vector;
 use crate::whole_world::{LIMITS, WholeLight, WholeWorld};
 use anyhow::Context as _;
 use clap::Args;
@@ -30,7 +31,7 @@ pub(crate) struct FarArguments {
     #[arg(long)]
     lights: Option<PathBuf>,
     /// Where the camera is, m: x,y,z. Default: the middle of the scene.
-    #[arg(long, allow_hyphen_values = true, value_parser = position)]
+    #[arg(long, allow_hyphen_values = true, value_parser = vector)]
     camera: Option<Vec3>,
     #[command(flatten)]
     quality: QualityArguments,
@@ -63,14 +64,6 @@ struct Case {
     fed_by_levels_rel: f64,
     /// The same with coarse patches lit as the mean of their children: what lighting them by themselves costs.
     fed_by_levels_mean_lit_rel: f64,
-}
-
-fn position(text: &str) -> Result<Vec3, String> {
-    let parts: Vec<f32> = text
-        .split(',')
-        .map(|part| part.trim().parse::<f32>().map_err(|error| format!("{part:?}: {error}")))
-        .collect::<Result<_, _>>()?;
-    <[f32; 3]>::try_from(parts).map(Vec3::from).map_err(|parts| format!("{} numbers, not x,y,z", parts.len()))
 }
 
 /// Runs the suite.
@@ -164,12 +157,12 @@ impl Pyramid {
             let exitance = match levels.last_mut() {
                 None => {
                     mean_direct.clone_from(&light.direct_exitance);
-                    exitance_of(&light, &reflectance)
+                    world.exitance(&light)
                 }
                 Some(finer) => {
                     finer.parents = parents(&finer.world, &world)?;
                     mean_direct = mean_over_children(&mean_direct, &finer.areas, &finer.parents, areas.len());
-                    exitance_of(&world.solve_exitance(mean_direct.clone(), rig), &reflectance)
+                    world.exitance(&world.solve_exitance(mean_direct.clone(), rig))
                 }
             };
             let (mean_direct, parents) = (mean_direct.clone(), Vec::new());
@@ -294,11 +287,6 @@ impl LitLevel {
 /// How many of `resident` patches are compared: the nearer half.
 fn measured(resident: usize) -> usize {
     resident.div_ceil(2)
-}
-
-fn exitance_of(light: &WholeLight, reflectance: &[Rgb]) -> Vec<Rgb> {
-    let leaving = light.direct_exitance.iter().zip(reflectance).zip(&light.irradiance);
-    leaving.map(|((direct, reflectance), arriving)| *direct + *reflectance * *arriving).collect()
 }
 
 /// Index on `coarser` of the parent of every patch of `finer`.

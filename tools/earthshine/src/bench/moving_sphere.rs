@@ -8,6 +8,7 @@ use super::accuracy::measured::baked;
 use crate::quality::QualityArguments;
 use crate::reference_light;
 use crate::scene_source::{self, SceneSource};
+use crate::view::vector;
 use crate::volume_light;
 use anyhow::{Context as _, ensure};
 use clap::Args;
@@ -31,7 +32,7 @@ pub(crate) struct SphereArguments {
     #[arg(long)]
     lights: Option<PathBuf>,
     /// Corners of the sphere's way, m, in order: "x,y,z; x,y,z; ...". The generated Cornell box has a way of its own.
-    #[arg(long, value_parser = place, value_delimiter = ';', allow_hyphen_values = true)]
+    #[arg(long, value_parser = vector, value_delimiter = ';', allow_hyphen_values = true)]
     way: Vec<Vec3>,
     /// Radius of the sphere, m. Default: an eighth of a voxel's edge or 5 cm, whichever is more.
     #[arg(long)]
@@ -69,13 +70,6 @@ const CORNELL_WAY: [Vec3; 6] = [
     Vec3::new(0.55, 1.5, -0.4),
     Vec3::new(-0.2, 1.55, -0.2),
 ];
-
-fn place(text: &str) -> Result<Vec3, String> {
-    let numbers =
-        text.split(',').map(|part| part.trim().parse::<f32>().map_err(|e| format!("{part:?}: {e}")));
-    let numbers = numbers.collect::<Result<Vec<_>, _>>()?;
-    <[f32; 3]>::try_from(numbers).map(Vec3::from).map_err(|n| format!("{} numbers, not x,y,z", n.len()))
-}
 
 #[derive(Serialize)]
 struct Figures {
