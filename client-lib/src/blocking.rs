@@ -12,12 +12,12 @@ pub struct Client {
     runtime: Option<Runtime>,
 }
 
-/// Asks the server at `uri` for world `name`; `None` for its only one.
+/// Asks the server at `uri` for the world that the options name.
 ///
 /// # Errors
 /// As [`crate::world()`], and [`ClientError::Invalid`] where the system gives no thread.
-pub fn world(uri: &str, name: Option<String>, timeout: Duration) -> Result<World, ClientError> {
-    runtime()?.block_on(crate::world(uri, name, timeout))
+pub fn world(uri: &str, options: &ClientOptions) -> Result<World, ClientError> {
+    runtime()?.block_on(crate::world(uri, options))
 }
 
 fn runtime() -> Result<Runtime, ClientError> {

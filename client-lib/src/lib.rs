@@ -28,6 +28,7 @@ mod assembly;
 pub mod blocking;
 mod camera;
 mod client;
+mod credentials;
 mod decode;
 mod error;
 mod light;
@@ -39,6 +40,7 @@ mod world;
 
 pub use camera::Camera;
 pub use client::Client;
+pub use credentials::Credentials;
 pub use earthshine_volume::{LookedUp, Volume};
 pub use error::ClientError;
 pub use glam::{UVec3, Vec3};

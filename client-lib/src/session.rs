@@ -1,7 +1,8 @@
 //! Opening a session, and the background task that receives.
 
 use crate::{
-    ClientError, Light, assembly::Assembly, camera::vector_from_wire, outbox::Outbox, statistics::Counters,
+    ClientError, Credentials, Light, assembly::Assembly, camera::vector_from_wire, credentials::Bearer,
+    outbox::Outbox, statistics::Counters,
 };
 use earthshine_protocol::{
     MESSAGE_BYTES_MAX, PROTOCOL_MAX, PROTOCOL_MIN, TEXT_BYTES_MAX, VOLUMES_MAX,
@@ -19,6 +20,7 @@ use tokio::sync::{mpsc, watch};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{
     Streaming,
+    service::interceptor::InterceptedService,
     transport::{Channel, Endpoint},
 };
 
@@ -29,6 +31,8 @@ pub struct ClientOptions {
     pub name: String,
     /// Which world; `None` for the server's only one.
     pub world: Option<String>,
+    /// Token and trust.
+    pub credentials: Credentials,
     /// Most voxels along each axis that a volume may have. Each voxel costs 4 bytes in each of two buffers.
     pub dims_max: UVec3,
     /// For the connection, and again for the server's first word.
@@ -38,11 +42,12 @@ pub struct ClientOptions {
 }
 
 impl Default for ClientOptions {
-    /// 128 x 64 x 128 voxels, 5 s to connect, 10 s of silence.
+    /// No token, 128 x 64 x 128 voxels, 5 s to connect, 10 s of silence.
     fn default() -> Self {
         Self {
             name: concat!("earthshine-client ", env!("CARGO_PKG_VERSION")).to_owned(),
             world: None,
+            credentials: Credentials::default(),
             dims_max: UVec3::new(128, 64, 128),
             connect_timeout: Duration::from_secs(5),
             silence_timeout: Duration::from_secs(10),
@@ -93,24 +98,30 @@ impl Session {
     }
 }
 
+/// What calls go through.
+type Calls = LightingClient<InterceptedService<Channel, Bearer>>;
+
 /// A gRPC client of `uri`, connected.
-pub(crate) async fn open(
-    uri: &str,
-    connect_timeout: Duration,
-    silence_timeout: Duration,
-) -> Result<LightingClient<Channel>, ClientError> {
-    let endpoint = Endpoint::from_shared(uri.to_owned())
+pub(crate) async fn open(uri: &str, options: &ClientOptions) -> Result<Calls, ClientError> {
+    let ClientOptions { credentials, connect_timeout, silence_timeout, .. } = options;
+    let (connect_timeout, silence_timeout) = (*connect_timeout, *silence_timeout);
+    let bearer = credentials.bearer()?;
+    let mut endpoint = Endpoint::from_shared(uri.to_owned())
         .map_err(|error| ClientError::unreachable(uri, &error))?
         .connect_timeout(connect_timeout)
         .http2_keep_alive_interval(silence_timeout / 2)
         .keep_alive_timeout(silence_timeout / 2)
         .keep_alive_while_idle(true)
         .http2_adaptive_window(true);
+    if endpoint.uri().scheme_str() == Some("https") {
+        endpoint =
+            endpoint.tls_config(credentials.tls()).map_err(|error| ClientError::unreachable(uri, &error))?;
+    }
     let connecting = tokio::time::timeout(connect_timeout, endpoint.connect()).await;
     let channel = connecting
         .map_err(|_elapsed| ClientError::Timeout { what: "connection", timeout: connect_timeout })?
         .map_err(|error| ClientError::unreachable(uri, &error))?;
-    Ok(LightingClient::new(channel).max_decoding_message_size(MESSAGE_BYTES_MAX))
+    Ok(LightingClient::with_interceptor(channel, bearer).max_decoding_message_size(MESSAGE_BYTES_MAX))
 }
 
 /// Both directions of an open session.
@@ -122,17 +133,14 @@ pub(crate) struct Streams {
 /// Says hello and waits for the welcome.
 pub(crate) async fn greet(uri: &str, options: &ClientOptions) -> Result<(Session, Streams), ClientError> {
     let hello = hello(options)?;
-    let client = open(uri, options.connect_timeout, options.silence_timeout).await?;
+    let client = open(uri, options).await?;
     let timeout = options.connect_timeout;
     tokio::time::timeout(timeout, exchange(client, hello))
         .await
         .map_err(|_elapsed| ClientError::Timeout { what: "welcome", timeout })?
 }
 
-async fn exchange(
-    mut client: LightingClient<Channel>,
-    hello: v1::Hello,
-) -> Result<(Session, Streams), ClientError> {
+async fn exchange(mut client: Calls, hello: v1::Hello) -> Result<(Session, Streams), ClientError> {
     let (to_server, outgoing) = mpsc::channel(4);
     let first = v1::ClientMessage { message: Some(ToServer::Hello(hello)) };
     to_server.send(first).await.map_err(|error| ClientError::lost(error.to_string()))?;

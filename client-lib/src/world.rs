@@ -1,9 +1,8 @@
 //! What a server serves, asked without a session.
 
-use crate::{ClientError, Lights, camera::vector_from_wire, session::open};
+use crate::{ClientError, ClientOptions, Lights, camera::vector_from_wire, session::open};
 use earthshine_protocol::v1;
 use glam::Vec3;
-use std::time::Duration;
 
 /// A world in numbers.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,14 +33,16 @@ pub struct World {
     pub server_version: String,
 }
 
-/// Asks the server at `uri` for world `name`; `None` for its only one.
+/// Asks the server at `uri` for the world that the options name.
 ///
 /// # Errors
 /// [`ClientError::Unreachable`]; [`ClientError::Refused`] for an unknown world; [`ClientError::Timeout`];
-/// [`ClientError::Lost`]; [`ClientError::Protocol`].
-pub async fn world(uri: &str, name: Option<String>, timeout: Duration) -> Result<World, ClientError> {
-    let mut client = open(uri, timeout, timeout).await?;
-    let answer = tokio::time::timeout(timeout, client.world(v1::WorldRequest { world: name })).await;
+/// [`ClientError::Lost`]; [`ClientError::Protocol`]; [`ClientError::Invalid`] for a token that cannot be sent.
+pub async fn world(uri: &str, options: &ClientOptions) -> Result<World, ClientError> {
+    let timeout = options.connect_timeout;
+    let request = v1::WorldRequest { world: options.world.clone() };
+    let mut client = open(uri, options).await?;
+    let answer = tokio::time::timeout(timeout, client.world(request)).await;
     let info = answer
         .map_err(|_elapsed| ClientError::Timeout { what: "description of the world", timeout })?
         .map_err(|status| ClientError::from_status(&status))?

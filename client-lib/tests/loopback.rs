@@ -99,9 +99,10 @@ async fn addresses_without_a_server_are_unreachable() {
 #[tokio::test]
 async fn a_world_is_described_without_a_session() {
     let server = start(Behaviour::Good).await;
-    let world = earthshine_client::world(&server.uri, None, Duration::from_secs(2)).await.unwrap();
+    let world = earthshine_client::world(&server.uri, &options()).await.unwrap();
     assert_eq!((world.name.as_str(), world.patch_count), ("loopback", 42));
-    let error = earthshine_client::world(&server.uri, Some("atlantis".into()), Duration::from_secs(2)).await;
+    let elsewhere = ClientOptions { world: Some("atlantis".into()), ..options() };
+    let error = earthshine_client::world(&server.uri, &elsewhere).await;
     assert!(matches!(error, Err(ClientError::Refused { .. })), "{error:?}");
 }
 

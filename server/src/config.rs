@@ -25,7 +25,7 @@ pub struct Config {
     /// Where clients connect (gRPC over HTTP/2). Port 0 takes a free one.
     ///
     /// Loopback by default: the service is a sidecar and its wire is not encrypted. Bind a wider
-    /// address only behind a TLS proxy, and with [`bearer_token`](Self::bearer_token).
+    /// address only with [`tls`](Self::tls) and [`bearer_token`](Self::bearer_token).
     pub listen: SocketAddr,
 
     /// Where `/metrics`, `/health` and `/ready` answer (HTTP/1.1). Port 0 takes a free one.
@@ -113,7 +113,7 @@ pub struct Config {
     /// Token that clients must send as `authorization: Bearer ...`; empty for none.
     pub bearer_token: Secret,
 
-    /// Certificate and key. This build speaks plain HTTP/2 only and refuses to start when it is set.
+    /// Certificate and key of the gRPC port; without them it speaks plain HTTP/2.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tls: Option<TlsFiles>,
 
@@ -135,7 +135,7 @@ pub enum BackendKind {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TlsFiles {
-    /// Certificate chain.
+    /// Certificate chain, the server's own first.
     pub cert: PathBuf,
     /// Private key.
     pub key: PathBuf,

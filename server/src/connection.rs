@@ -1,4 +1,4 @@
-//! Accepted TCP connections: counted, bounded, and cut if they never say anything.
+//! Accepted connections, plain or TLS: counted, bounded, and cut if they never say anything.
 //!
 //! HTTP/2's own keepalive starts after its greeting, so a peer that never greets would stay for good:
 //! [`Connection`] fails its reads unless the greeting is there in time. Start at [`accept`].
@@ -12,7 +12,8 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
-use tokio::time::{Sleep, sleep};
+use tokio::time::{Sleep, sleep, timeout};
+use tokio_rustls::TlsAcceptor;
 use tokio_util::sync::CancellationToken;
 use tonic::transport::server::{Connected, TcpConnectInfo};
 
@@ -26,13 +27,14 @@ const ACCEPT_PAUSE: Duration = Duration::from_millis(50);
 pub(crate) struct ConnectionLimits {
     /// Connections at once.
     pub(crate) connections_max: u32,
-    /// Time for the greeting.
+    /// Time for the greeting, and before it for the TLS handshake.
     pub(crate) greeting: Duration,
 }
 
-/// Accepts until `stop`; the connections come out of the stream's other end.
+/// Accepts until `stop`; the connections come out of the stream's other end, those with TLS after their handshake.
 pub(crate) fn accept(
     listener: TcpListener,
+    tls: Option<TlsAcceptor>,
     limits: ConnectionLimits,
     metrics: Arc<Metrics>,
     stop: CancellationToken,
@@ -47,10 +49,23 @@ pub(crate) fn accept(
                     if let Err(error) = stream.set_nodelay(true) {
                         tracing::debug!(%error, "TCP_NODELAY was refused");
                     }
-                    let connection = Connection::new(stream, place, limits.greeting, Arc::clone(&metrics));
-                    if accepted.send(Ok(connection)).await.is_err() {
-                        break;
-                    }
+                    let Some(tls) = tls.clone() else {
+                        let info = stream.connect_info();
+                        let connection = Connection::new(stream, info, place, limits.greeting, &metrics);
+                        if accepted.send(Ok(connection)).await.is_err() {
+                            break;
+                        }
+                        continue;
+                    };
+                    // One slow handshake must not hold up those behind it.
+                    tokio::spawn(shake_hands(
+                        tls,
+                        stream,
+                        place,
+                        limits,
+                        Arc::clone(&metrics),
+                        accepted.clone(),
+                    ));
                 }
                 Err(error) => {
                     tracing::warn!(%error, "a connection was not accepted");
@@ -62,10 +77,37 @@ pub(crate) fn accept(
     connections
 }
 
-/// One TCP connection.
-#[derive(Debug)]
-pub(crate) struct Connection {
+async fn shake_hands(
+    tls: TlsAcceptor,
     stream: TcpStream,
+    place: OwnedSemaphorePermit,
+    limits: ConnectionLimits,
+    metrics: Arc<Metrics>,
+    accepted: mpsc::Sender<io::Result<Connection>>,
+) {
+    let info = stream.connect_info();
+    match timeout(limits.greeting, tls.accept(stream)).await {
+        Ok(Ok(stream)) => {
+            let connection = Connection::new(stream, info, place, limits.greeting, &metrics);
+            // Nobody listens any more when the service stops.
+            drop(accepted.send(Ok(connection)).await);
+        }
+        Ok(Err(error)) => tracing::warn!(peer = ?info.remote_addr(), %error, "no TLS handshake"),
+        Err(_elapsed) => {
+            metrics.connections_silent.inc();
+        }
+    }
+}
+
+/// TCP, or TLS on it.
+trait Transport: AsyncRead + AsyncWrite + Send + Unpin {}
+
+impl<T: AsyncRead + AsyncWrite + Send + Unpin> Transport for T {}
+
+/// One connection.
+pub(crate) struct Connection {
+    stream: Box<dyn Transport>,
+    info: TcpConnectInfo,
     metrics: Arc<Metrics>,
     /// Until the greeting is there: how much is missing, and until when.
     greeting: Option<(usize, Pin<Box<Sleep>>)>,
@@ -74,13 +116,20 @@ pub(crate) struct Connection {
 
 impl Connection {
     fn new(
-        stream: TcpStream,
+        stream: impl Transport + 'static,
+        info: TcpConnectInfo,
         place: OwnedSemaphorePermit,
         greeting: Duration,
-        metrics: Arc<Metrics>,
+        metrics: &Arc<Metrics>,
     ) -> Self {
         metrics.connections.inc();
-        Self { stream, metrics, greeting: Some((GREETING_BYTES, Box::pin(sleep(greeting)))), _place: place }
+        Self {
+            stream: Box::new(stream),
+            info,
+            metrics: Arc::clone(metrics),
+            greeting: Some((GREETING_BYTES, Box::pin(sleep(greeting)))),
+            _place: place,
+        }
     }
 }
 
@@ -94,7 +143,7 @@ impl Connected for Connection {
     type ConnectInfo = TcpConnectInfo;
 
     fn connect_info(&self) -> TcpConnectInfo {
-        self.stream.connect_info()
+        self.info.clone()
     }
 }
 

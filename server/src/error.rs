@@ -3,7 +3,7 @@
 //! | code | meaning | worth a restart |
 //! |---|---|---|
 //! | 4 | the world is missing, damaged, or baked for the offline solve alone | no, bake or fetch it |
-//! | 5 | configuration | no, mend it |
+//! | 5 | configuration, certificate files among it | no, mend it |
 //! | 6 | an address cannot be bound | after the other process ends |
 //! | 10 | the engine, the transport or the system failed | yes |
 //! | 11 | the drain took longer than `drain_timeout_s` | no: it was asked to stop |
@@ -22,6 +22,16 @@ pub enum ServerError {
     /// A setting is wrong.
     #[error(transparent)]
     Config(#[from] ConfigError),
+    /// A certificate or its key cannot be used.
+    #[error("`{key}`: {file:?}: {cause}")]
+    Tls {
+        /// Which key of the configuration.
+        key: &'static str,
+        /// What it says.
+        file: PathBuf,
+        /// What is wrong with it.
+        cause: String,
+    },
     /// The world cannot be opened; the cause names the file.
     #[error(transparent)]
     World(TileError),
@@ -89,7 +99,7 @@ impl ServerError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::World(_) | Self::ClusteredWorld { .. } | Self::Index(_) => 4,
-            Self::Config(_) => 5,
+            Self::Config(_) | Self::Tls { .. } => 5,
             Self::AddressInUse { .. } | Self::Bind { .. } => 6,
             Self::System { .. } | Self::Engine { .. } | Self::Transport(_) => 10,
             Self::DrainTimeout { .. } => 11,

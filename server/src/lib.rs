@@ -40,6 +40,7 @@ mod session;
 pub mod shutdown;
 mod streams;
 mod tile_loader;
+mod tls;
 
 pub use config::{BackendKind, Config, ConfigError, ServeArgs};
 pub use error::ServerError;

@@ -15,6 +15,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use tokio::net::TcpListener;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
+use tokio_rustls::TlsAcceptor;
 use tokio_stream::wrappers::ReceiverStream;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -47,6 +48,7 @@ impl Listener {
     pub(crate) async fn serve(
         self,
         listener: TcpListener,
+        tls: Option<TlsAcceptor>,
         health: HealthReporter,
         stop: CancellationToken,
     ) -> Result<(), tonic::transport::Error> {
@@ -55,7 +57,7 @@ impl Listener {
             connections_max: config.connections_max,
             greeting: seconds(config.hello_timeout_s),
         };
-        let connections = accept(listener, limits, Arc::clone(&self.shared.metrics), stop.clone());
+        let connections = accept(listener, tls, limits, Arc::clone(&self.shared.metrics), stop.clone());
         let connections: ReceiverStream<std::io::Result<Connection>> = ReceiverStream::new(connections);
         let health_service = tonic_health::pb::health_server::HealthServer::new(
             tonic_health::server::HealthService::from_health_reporter(health.clone()),

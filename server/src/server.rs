@@ -12,6 +12,7 @@ use crate::metrics::Metrics;
 use crate::session::Shared;
 use crate::shutdown::Deadline;
 use crate::tile_loader::TileLoader;
+use crate::tls;
 use earthshine_engine::{BackendFactory, Engine};
 use earthshine_radiosity::{Backend, BackendError, CpuBackend, Slot};
 use earthshine_tiles::{DirStore, PatchBuilder, TileStore};
@@ -26,6 +27,7 @@ use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
+use tokio_rustls::TlsAcceptor;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tonic_health::ServingStatus;
@@ -42,6 +44,7 @@ pub struct Server {
     store: Arc<dyn TileStore>,
     engine: Engine,
     listener: TcpListener,
+    tls: Option<TlsAcceptor>,
     admin: TcpListener,
     local_addr: SocketAddr,
     admin_addr: SocketAddr,
@@ -69,10 +72,11 @@ impl Server {
     /// Checks the configuration, opens the world and binds both addresses.
     ///
     /// # Errors
-    /// [`ServerError::Config`], [`ServerError::World`], [`ServerError::ClusteredWorld`], [`ServerError::Index`],
+    /// [`ServerError::Config`], [`ServerError::Tls`], [`ServerError::World`], [`ServerError::ClusteredWorld`], [`ServerError::Index`],
     /// [`ServerError::AddressInUse`], [`ServerError::Bind`].
     pub async fn bind(config: Config) -> Result<Self, ServerError> {
         config.validate()?;
+        let tls = config.tls.as_ref().map(tls::acceptor).transpose()?;
         let store = DirStore::open(&config.world).map_err(ServerError::World)?;
         if store.manifest().parameters.method.builder == PatchBuilder::Clustered {
             return Err(ServerError::ClusteredWorld { world: config.world });
@@ -90,6 +94,7 @@ impl Server {
             store: Arc::new(store),
             engine,
             listener,
+            tls,
             admin,
             local_addr,
             admin_addr,
@@ -127,6 +132,7 @@ impl Server {
     pub async fn run(self, shutdown: impl Future<Output = ()>) -> Result<(), ServerError> {
         tracing::info!(
             world = self.world,
+            tls = self.tls.is_some(),
             address = %self.local_addr,
             admin = %self.admin_addr,
             chunks = self.index.chunks.len(),
@@ -193,7 +199,8 @@ impl Server {
         let sessions = TaskTracker::new();
         let health = HealthReporter::new();
         let listener = Listener::new(Arc::new(shared), sessions.clone());
-        let transport = tokio::spawn(listener.serve(self.listener, health.clone(), transport_stop.clone()));
+        let transport =
+            tokio::spawn(listener.serve(self.listener, self.tls, health.clone(), transport_stop.clone()));
         Ok(Running {
             engine,
             loader,

@@ -2,7 +2,7 @@
 //!
 //! The oracle is the whole world solved at once from the same tiles; what lies between is streaming.
 
-use earthshine_client::{Client, ClientError, Lights, Vec3};
+use earthshine_client::{Client, ClientError, ClientOptions, Lights, Vec3};
 use earthshine_gen::fixtures;
 use earthshine_tests::agreement::{assert_between, assert_is, served_patches};
 use earthshine_tests::baked::{BakedWorld, coarse, imported, own_lights};
@@ -132,8 +132,8 @@ async fn a_camera_that_comes_back_finds_the_same_light() {
 async fn lights_off_and_on_again_is_the_light_from_before_and_nobody_elses_business() {
     let world = two_rooms();
     let served = ServedWorld::start(world.path(), world.patch_count(), |_| ()).await;
-    let description = earthshine_client::world(&served.uri, None, std::time::Duration::from_secs(10));
-    let on: Lights = description.await.expect("a description").lights;
+    let on: Lights =
+        earthshine_client::world(&served.uri, &ClientOptions::default()).await.expect("a description").lights;
     let (mut first, mut second) = (connect(&served.uri).await, connect(&served.uri).await);
     let (before, beside) =
         tokio::join!(settled_at(&mut first, IN_THE_FIRST_ROOM), settled_at(&mut second, IN_THE_SECOND_ROOM));

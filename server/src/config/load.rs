@@ -96,11 +96,6 @@ impl Config {
                 "this build computes on the CPU only; use backend = \"cpu\"",
             ));
         }
-        if let Some(tls) = &self.tls {
-            let requirement =
-                "this build speaks plain HTTP/2; remove [tls] and put a TLS proxy in front of `listen`";
-            return Err(refuse("tls.cert", tls.cert.display(), requirement));
-        }
         self.engine.validate()?;
         self.validate_counts()?;
         self.validate_times()
@@ -233,7 +228,6 @@ mod tests {
             config.validate().unwrap_err().to_string()
         };
         assert!(refusal("backend = \"gpu\"").contains("backend = \"cpu\""));
-        assert!(refusal("[tls]\ncert = \"a.pem\"\nkey = \"b.pem\"").contains("TLS proxy"));
         assert!(refusal("tick_rate_hz = nan").contains("tick_rate_hz"));
         assert!(refusal("tile_queue = 0").contains("tile_queue"));
         assert!(refusal("volume_dims_max = [64, 64, 2000]").contains("volume_dims_max"));

@@ -178,22 +178,6 @@ async fn sessions_are_bounded_and_a_place_is_free_again_after_a_goodbye() {
 }
 
 #[tokio::test]
-async fn without_the_token_nobody_enters() {
-    let service = Service::start(|config| config.bearer_token.0 = "sesame".to_owned()).await;
-    let mut raw = Raw::open(&service.uri).await;
-    assert_eq!(raw.hear_end().await.code(), ErrorCode::Unauthorised);
-    let channel =
-        tonic::transport::Channel::from_shared(service.uri.clone()).unwrap().connect().await.unwrap();
-    let with_token = |mut request: tonic::Request<()>| {
-        request.metadata_mut().insert("authorization", "Bearer sesame".parse().unwrap());
-        Ok(request)
-    };
-    let mut client = v1::lighting_client::LightingClient::with_interceptor(channel, with_token);
-    client.world(v1::WorldRequest::default()).await.unwrap();
-    service.stop().await;
-}
-
-#[tokio::test]
 async fn cameras_beyond_the_rate_are_merged_and_the_newest_arrives() {
     let service = Service::start(|config| config.camera_rate_max_hz = 10.0).await;
     let mut raw = Raw::greeted(&service.uri).await;

@@ -135,7 +135,7 @@ fn serve_and_fly(
         let serving = tokio::spawn(server.run(async { drop(stopped.await) }));
         let options = flight(arguments, &uri, source);
         let mut frames = Vec::new();
-        let report = earthshine_fly::fly(&options, |frame| frames.push(frame)).await;
+        let report = earthshine_fly::fly(&options, std::future::pending(), |frame| frames.push(frame)).await;
         if stop.send(()).is_err() {
             eprintln!("the server stopped by itself; its own error follows");
         }

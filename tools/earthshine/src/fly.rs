@@ -1,5 +1,6 @@
 //! `earthshine fly`: a camera path through the client library, with latencies, misses and pictures.
 
+use crate::connect::ConnectArguments;
 use crate::exit_code::WrongUse;
 use crate::lights_wire;
 use crate::output::out;
@@ -7,7 +8,7 @@ use crate::scene_source;
 use crate::view::{ViewArguments, vector, write_layers};
 use anyhow::Context as _;
 use clap::{Args, ValueEnum};
-use earthshine_client::World;
+use earthshine_client::{ClientOptions, World};
 use earthshine_fly::{FlyFrame, FlyOptions, FlyReport, Path, SunCourse, SunLight, SunPath};
 use earthshine_render::picture::{LightSource, PictureOptions, render};
 use earthshine_render::{SceneTracer, image_file};
@@ -22,11 +23,11 @@ use std::time::Duration;
   earthshine fly --path line --from -50,2,0 --to 50,2,0 --speed 10
   earthshine fly --path recorded --file walk.json --out pictures --scene town.glb
   earthshine fly --path teleports --every 2 --json
+  earthshine fly --server https://light.example:7461 --ca-certificate ca.pem
   earthshine fly --sun-path config/day.example.toml --seconds 60")]
 pub(crate) struct FlyArguments {
-    /// Server to connect to.
-    #[arg(long, env = "EARTHSHINE_SERVER", default_value = "http://127.0.0.1:7461")]
-    server: String,
+    #[command(flatten)]
+    connect: ConnectArguments,
     #[command(flatten)]
     route: RouteArguments,
     /// Length of the flight, s.
@@ -142,13 +143,16 @@ pub(crate) fn run(arguments: &FlyArguments) -> anyhow::Result<()> {
         None => arguments.moving_sun.then(sun_path),
     };
     let runtime = tokio::runtime::Runtime::new().context("the asynchronous runtime could not start")?;
-    let timeout = Duration::from_secs(5);
-    let world = runtime.block_on(earthshine_client::world(&arguments.server, None, timeout))?;
+    let server = &arguments.connect.server;
+    let credentials = arguments.connect.credentials()?;
+    let asking = ClientOptions { credentials: credentials.clone(), ..ClientOptions::default() };
+    let world = runtime.block_on(earthshine_client::world(server, &asking))?;
     let path = arguments.route.path(&world)?;
     if let Some(file) = &arguments.route.record {
         recorded(&path, arguments.seconds, arguments.rate).save(file)?;
     }
-    let mut options = FlyOptions::new(&arguments.server, path);
+    let mut options = FlyOptions::new(server, path);
+    options.client.credentials = credentials;
     options.duration = Duration::try_from_secs_f32(arguments.seconds).context("--seconds")?;
     options.rate_hz = arguments.rate;
     if sun.is_some() {
@@ -160,7 +164,9 @@ pub(crate) fn run(arguments: &FlyArguments) -> anyhow::Result<()> {
         options.picture_times_s = (1..=arguments.pictures).map(|i| step * (i as f32 - 0.25)).collect();
     }
     let mut frames = Vec::new();
-    let report = runtime.block_on(earthshine_fly::fly(&options, |frame| frames.push(frame)))?;
+    // Ctrl-C lands: what was measured until then is reported. A signal that cannot be caught ends the process.
+    let landing = async { drop(tokio::signal::ctrl_c().await) };
+    let report = runtime.block_on(earthshine_fly::fly(&options, landing, |frame| frames.push(frame)))?;
     if let (Some(folder), Some(scene)) = (&arguments.out, &arguments.scene) {
         draw(&frames, folder, scene, &lights_wire::from_client(&world.lights), &arguments.view)?;
     }

@@ -10,6 +10,7 @@ mod bench;
 mod causes;
 mod cluster_light;
 mod compare;
+mod connect;
 mod demo;
 mod error_view;
 mod exit_code;

@@ -116,20 +116,24 @@ pub struct FlyFrame {
     pub lights: Option<Lights>,
 }
 
-/// Flies, and returns what was measured.
+/// Flies until the time is over or `landing` resolves, and returns what was measured.
 ///
 /// `on_frame` is called on this task: what it spends is time that the camera stands still, so pictures are better
 /// drawn after the flight, from the frames kept.
 ///
 /// # Errors
 /// [`FlyError::Options`] and [`FlyError::Path`] before anything is sent; [`FlyError::Client`].
-pub async fn fly(options: &FlyOptions, mut on_frame: impl FnMut(FlyFrame)) -> Result<FlyReport, FlyError> {
+pub async fn fly(
+    options: &FlyOptions,
+    landing: impl Future<Output = ()>,
+    mut on_frame: impl FnMut(FlyFrame),
+) -> Result<FlyReport, FlyError> {
     options.validate()?;
     let before = Instant::now();
     let client = Client::connect(&options.uri, options.client.clone()).await;
     let client = client.map_err(|cause| FlyError::Client { after_s: 0.0, cause })?;
     let mut flight = Flight::new(options, client, before);
-    let flown = flight.run(&mut on_frame).await;
+    let flown = flight.run(landing, &mut on_frame).await;
     let after_s = flight.start.elapsed().as_secs_f64();
     flown.map_err(|cause| FlyError::Client { after_s, cause })?;
     Ok(flight.land().await)
@@ -175,7 +179,11 @@ impl<'a> Flight<'a> {
         }
     }
 
-    async fn run(&mut self, on_frame: &mut impl FnMut(FlyFrame)) -> Result<(), ClientError> {
+    async fn run(
+        &mut self,
+        landing: impl Future<Output = ()>,
+        on_frame: &mut impl FnMut(FlyFrame),
+    ) -> Result<(), ClientError> {
         if let Some(lights) = &self.lights {
             self.client.set_lights(lights)?;
         }
@@ -184,11 +192,12 @@ impl<'a> Flight<'a> {
         let mut sun_steps = ticks(self.options.sun.map_or(1.0, |sun| sun.rate_hz));
         self.start = Instant::now();
         let end = tokio::time::sleep(self.options.duration);
-        tokio::pin!(end);
+        tokio::pin!(end, landing);
         loop {
             tokio::select! {
                 biased;
                 () = &mut end => break,
+                () = &mut landing => break,
                 light = self.client.next_light() => {
                     let light = light?;
                     self.arrived(&light);

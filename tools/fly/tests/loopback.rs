@@ -5,6 +5,7 @@ mod server;
 use earthshine_client::{LightSource, UVec3, Vec3};
 use earthshine_fly::{FlyError, FlyOptions, Path, Probe, Probes, SunCourse, SunLight, SunPath, fly};
 use server::{ANSWER_DELAY, start};
+use std::future::pending;
 use std::time::Duration;
 
 fn options(uri: &str, path: Path) -> FlyOptions {
@@ -32,7 +33,7 @@ async fn a_line_over_a_rim_misses_half_of_its_frames() {
     };
     options.sun = Some(sun);
     let mut pictures = Vec::new();
-    let report = fly(&options, |frame| pictures.push(frame)).await.unwrap();
+    let report = fly(&options, pending(), |frame| pictures.push(frame)).await.unwrap();
 
     assert!(report.camera_updates >= 20, "{report:?}");
     assert!(report.frames > 5 && report.bytes > 0 && report.first_light_ms.is_some(), "{report:?}");
@@ -50,6 +51,15 @@ async fn a_line_over_a_rim_misses_half_of_its_frames() {
 }
 
 #[tokio::test]
+async fn a_flight_that_is_told_to_land_reports_what_it_has() {
+    let server = start().await;
+    let path = Path::Line { from: Vec3::new(-9.0, 1.5, 0.0), to: Vec3::new(9.0, 1.5, 0.0), speed: 0.1 };
+    let options = FlyOptions { duration: Duration::from_secs(600), ..options(&server.uri, path) };
+    let report = fly(&options, tokio::time::sleep(Duration::from_millis(400)), |_| {}).await.unwrap();
+    assert!(report.duration_s < 60.0 && report.frames > 0, "{report:?}");
+}
+
+#[tokio::test]
 async fn teleports_are_timed_until_their_light_is_there() {
     let server = start().await;
     let path = Path::Teleports {
@@ -58,7 +68,7 @@ async fn teleports_are_timed_until_their_light_is_there() {
         bounds_max: Vec3::new(-50.0, 1.5, 200.0),
         every_s: 0.2,
     };
-    let report = fly(&options(&server.uri, path), |_| {}).await.unwrap();
+    let report = fly(&options(&server.uri, path), pending(), |_| {}).await.unwrap();
     assert!((3..=5).contains(&report.teleports), "{report:?}");
     assert!(report.teleports_lit >= 2, "{report:?}");
     let p50 = report.teleport_to_light_ms_p50.unwrap();
@@ -76,7 +86,7 @@ async fn surface_probes_miss_when_one_of_them_is_dark() {
         options.duration = Duration::from_millis(400);
         let probes = vec![probe(far), probe(-4.0)];
         options.probes = Probes::Surface { probes, radius_m: 8.0, count_max: 16 };
-        let report = fly(&options, |_| {}).await.unwrap();
+        let report = fly(&options, pending(), |_| {}).await.unwrap();
         assert!(report.probed_frames > 3, "{report:?}");
         let per_frame = report.probes / report.probed_frames;
         dark_and_bright.push((report.misses == report.probed_frames, report.dark_probes > 0, per_frame));
@@ -91,7 +101,7 @@ async fn flights_that_cannot_be_say_why() {
     let fault = async |change: fn(&mut FlyOptions)| {
         let mut options = options("http://127.0.0.1:1", path.clone());
         change(&mut options);
-        fly(&options, |_| {}).await.unwrap_err()
+        fly(&options, pending(), |_| {}).await.unwrap_err()
     };
     assert!(matches!(fault(|o| o.rate_hz = f32::NAN).await, FlyError::Options { .. }));
     assert!(matches!(fault(|o| o.picture_times_s = vec![2.0, 1.0]).await, FlyError::Options { .. }));

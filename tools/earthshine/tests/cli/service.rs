@@ -24,6 +24,16 @@ fn a_configuration_with_an_unknown_key() {
 }
 
 #[test]
+fn a_certificate_that_is_none() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    cornell_world(folder.path());
+    std::fs::write(folder.path().join("mine.toml"), "[tls]\ncert = \"mine.toml\"\nkey = \"server.key\"\n")
+        .expect("a scratch folder");
+    run(folder.path(), &["serve", "world", "--config", "mine.toml"])
+        .fails(CONFIGURATION, &["tls.cert", "mine.toml", "no certificate in it"]);
+}
+
+#[test]
 fn a_port_in_use() {
     let folder = tempfile::tempdir().expect("a scratch folder");
     cornell_world(folder.path());
