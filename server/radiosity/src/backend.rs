@@ -128,7 +128,7 @@ pub trait Backend: Send {
     /// Advances the light by one frame, for the slots of interest.
     ///
     /// # Errors
-    /// None on the CPU; a lost device elsewhere.
+    /// [`BackendError::DeviceLost`], never on the CPU.
     fn step(&mut self) -> Result<StepStats, BackendError>;
 
     /// Copies the irradiance (lx) of `slots` into `out`, in the order asked.
@@ -152,7 +152,8 @@ pub trait Backend: Send {
         self.resolve().map(|()| Repaired { columns: self.capacity(), is_complete: true })
     }
 
-    /// Solves `H` afresh from the resident rows, in f64. O(M^3): rare, off the frame path where it can be.
+    /// Solves `H` afresh from the resident rows: what drift there was is gone. O(M^3): rare, off the frame path where it
+    /// can be.
     ///
     /// # Errors
     /// [`BackendError::OutOfMemory`]: `H` is as it was, and goes on being of use. A lost device elsewhere.
@@ -196,6 +197,13 @@ pub enum BackendError {
         slots: u32,
         /// Bytes asked for.
         bytes: u64,
+    },
+    /// The device that holds the matrix is gone: everything on it is lost, nothing of it was published. Build a new
+    /// backend and fill it again.
+    #[error("the device is lost: {cause}")]
+    DeviceLost {
+        /// What the driver said.
+        cause: String,
     },
     /// Light or reflectance that is not a number.
     #[error("light of slot {0:?} is negative or not finite")]

@@ -3,11 +3,10 @@
 //! It checks what callers send, cuts updates into blocks for [`LocalMatrix`], and keeps the light. All
 //! arithmetic on `H` is there, not here.
 
-use crate::backend::{
-    ApplyStats, Backend, BackendError, RECIPROCITY_TOLERANCE, Repaired, Slot, StepStats, Update,
-};
+use crate::backend::{ApplyStats, Backend, BackendError, Repaired, Slot, StepStats, Update};
 use crate::dense::DenseError;
 use crate::local_matrix::{Arrival, CapacityError, LocalMatrix};
+use crate::update_check::UpdateCheck;
 use earthshine_world::Rgb;
 
 /// A local matrix in main memory, advanced by rayon's threads. Bit-identical at any number of them.
@@ -21,10 +20,7 @@ pub struct CpuBackend {
     sent: Vec<f32>,
     /// `H` times that.
     received: Vec<f32>,
-    /// Areas as a batch will leave them, 0 for free slots, while it is checked.
-    planned: Vec<f32>,
-    /// What a patch that is checked exchanges with each slot, m2: there, and back. Zero between checks.
-    exchange: Vec<[f64; 2]>,
+    check: UpdateCheck,
     /// Slots of interest, if not all are.
     wanted: Option<Vec<bool>>,
     /// Slots that the last step evaluated.
@@ -48,8 +44,7 @@ impl CpuBackend {
             irradiance: vec![Rgb::ZERO; slots],
             sent: vec![0.0; slots],
             received: vec![0.0; slots],
-            planned: vec![0.0; slots],
-            exchange: vec![[0.0; 2]; slots],
+            check: UpdateCheck::new(slots),
             wanted: None,
             current: vec![false; slots],
             lit: vec![false; slots],
@@ -73,86 +68,16 @@ impl CpuBackend {
 
     fn within(&self, slot: Slot) -> Result<usize, BackendError> {
         let at = slot.0 as usize;
-        if at < self.planned.len() { Ok(at) } else { Err(BackendError::SlotOutside(slot, self.capacity())) }
+        if at < self.matrix.capacity() {
+            Ok(at)
+        } else {
+            Err(BackendError::SlotOutside(slot, self.capacity()))
+        }
     }
 
     fn taken(&self, slot: Slot) -> Result<usize, BackendError> {
         let at = self.within(slot)?;
         if self.matrix.is_taken(slot) { Ok(at) } else { Err(BackendError::SlotFree(slot)) }
-    }
-
-    /// Whether a batch can be applied, refusals aside: nothing is changed unless all of it can.
-    fn check(&mut self, updates: &[Update]) -> Result<(), BackendError> {
-        for (slot, planned) in self.planned.iter_mut().enumerate() {
-            *planned = self.matrix.area(Slot(slot as u32));
-        }
-        for update in updates {
-            match update {
-                Update::Add { slot, reflectance, area, row, column } => {
-                    let at = self.within(*slot)?;
-                    if self.planned[at] != 0.0 {
-                        return Err(BackendError::SlotTaken(*slot));
-                    }
-                    if !(reflectance.is_finite()
-                        && reflectance.min_element() >= 0.0
-                        && reflectance.max_element() <= 1.0)
-                    {
-                        return Err(BackendError::NotFinite(*slot));
-                    }
-                    if !(area.is_finite() && *area > 0.0) {
-                        return Err(BackendError::Area(*slot, *area));
-                    }
-                    self.check_shares(column)?;
-                    self.planned[at] = *area;
-                    self.check_shares(row)?;
-                    self.check_exchange(*slot, row, column)?;
-                }
-                Update::Remove { slot } => {
-                    let at = self.within(*slot)?;
-                    if std::mem::take(&mut self.planned[at]) == 0.0 {
-                        return Err(BackendError::SlotFree(*slot));
-                    }
-                }
-            }
-        }
-        Ok(())
-    }
-
-    fn check_shares(&self, entries: &[(Slot, f32)]) -> Result<(), BackendError> {
-        for &(slot, share) in entries {
-            if self.planned[self.within(slot)?] == 0.0 {
-                return Err(BackendError::SlotFree(slot));
-            }
-            if !(0.0..=1.0).contains(&share) {
-                return Err(BackendError::Share(slot, share));
-            }
-        }
-        Ok(())
-    }
-
-    /// What goes out by the row comes back by the column. Slots may be named twice, in any order.
-    fn check_exchange(
-        &mut self,
-        slot: Slot,
-        row: &[(Slot, f32)],
-        column: &[(Slot, f32)],
-    ) -> Result<(), BackendError> {
-        let area = f64::from(self.planned[slot.0 as usize]);
-        for &(other, share) in row.iter().filter(|(other, _)| *other != slot) {
-            self.exchange[other.0 as usize][0] += area * f64::from(share);
-        }
-        for &(other, share) in column {
-            let area = f64::from(self.planned[other.0 as usize]);
-            self.exchange[other.0 as usize][1] += area * f64::from(share);
-        }
-        let mut result = Ok(());
-        for &(other, _) in row.iter().chain(column) {
-            let [forth, back] = std::mem::take(&mut self.exchange[other.0 as usize]);
-            if result.is_ok() && (forth - back).abs() > RECIPROCITY_TOLERANCE * forth.max(back) {
-                result = Err(BackendError::NotReciprocal { slot, other, forth, back });
-            }
-        }
-        result
     }
 
     /// Applies updates of one kind, at most a block of them.
@@ -192,11 +117,12 @@ impl CpuBackend {
 
 impl Backend for CpuBackend {
     fn capacity(&self) -> u32 {
-        self.planned.len() as u32
+        self.matrix.capacity() as u32
     }
 
     fn apply(&mut self, updates: &[Update]) -> Result<ApplyStats, BackendError> {
-        self.check(updates)?;
+        let matrix = &self.matrix;
+        self.check.check(updates, |slot| matrix.area(slot))?;
         let mut stats = ApplyStats::default();
         let same_kind = |a: &Update, b: &Update| std::mem::discriminant(a) == std::mem::discriminant(b);
         for run in updates.chunk_by(same_kind) {
@@ -247,7 +173,7 @@ impl Backend for CpuBackend {
         for &slot in slots {
             self.within(slot)?;
         }
-        let wanted = self.wanted.get_or_insert_with(|| vec![false; self.planned.len()]);
+        let wanted = self.wanted.get_or_insert_with(|| vec![false; self.matrix.capacity()]);
         wanted.fill(false);
         slots.iter().for_each(|slot| wanted[slot.0 as usize] = true);
         Ok(())

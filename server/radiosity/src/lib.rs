@@ -39,6 +39,7 @@ pub mod multibounce;
 mod resident_rows;
 mod simd;
 mod tile_kernel;
+pub mod update_check;
 
 pub use backend::{
     ApplyStats, Backend, BackendError, MIN_PIVOT, RECIPROCITY_TOLERANCE, Repaired, Slot, StepStats, Update,

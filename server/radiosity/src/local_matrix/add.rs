@@ -14,7 +14,7 @@
 //! For one patch this is DESIGN's `k = 1 / (1 - c s)`: `N = k`, `K = c k / A`. Its row `v` is its column `u` by
 //! reciprocity, so one product serves both.
 
-use super::capacitance::{SmallMatrices, product, symmetrise};
+use super::capacitance::{Entering, SmallMatrices, symmetrise};
 use super::workspace::{ABSENT, STRIPE_COLUMNS, Workspace, times_small};
 use super::{Arrival, LocalMatrix};
 use crate::backend::MIN_PIVOT;
@@ -38,21 +38,13 @@ impl LocalMatrix {
             return 0;
         }
         let returned = self.open(arrivals);
-        let mut inverse = SmallMatrices::zero(block);
+        let patch = |place: usize| (arrivals[place].reflectance, arrivals[place].area);
+        let entering = Entering::solve(&returned, f64::from(MIN_PIVOT), patch);
         for channel in 0..3 {
-            let system = inverse.plane_mut(channel).iter_mut().zip(returned.plane(channel));
-            for (at, (entry, &returned)) in system.enumerate() {
-                let arrival = &arrivals[at / block];
-                let scale = f64::from(arrival.reflectance[channel]) / f64::from(arrival.area);
-                *entry = f64::from(u8::from(at / block == at % block)) - scale * returned;
-            }
+            self.enter(channel, arrivals, &entering);
         }
-        let kept = inverse.invert(f64::from(MIN_PIVOT));
-        for channel in 0..3 {
-            self.enter(channel, arrivals, kept, &returned, &inverse);
-        }
-        self.register(arrivals, kept);
-        kept
+        self.register(arrivals, entering.kept);
+        entering.kept
     }
 
     /// Computes the block's `columns`; returns `T`.
@@ -145,33 +137,16 @@ impl LocalMatrix {
     }
 
     /// Writes one channel of `G`.
-    fn enter(
-        &mut self,
-        channel: usize,
-        arrivals: &[Arrival<'_>],
-        kept: u32,
-        returned: &SmallMatrices,
-        inverse: &SmallMatrices,
-    ) {
+    fn enter(&mut self, channel: usize, arrivals: &[Arrival<'_>], entering: &Entering) {
         let block = arrivals.len();
-        let (mut among, mut factor) = (SmallMatrices::zero(block), SmallMatrices::zero(block));
-        product(returned.plane(channel), inverse.plane(channel), block, among.plane_mut(channel));
-        among.keep(channel, kept);
-        symmetrise(among.plane_mut(channel), block);
-        let pairs = factor.plane_mut(channel).iter_mut().zip(inverse.plane(channel));
-        for (at, (factor, &inverse)) in pairs.enumerate() {
-            let arrival = &arrivals[at % block];
-            *factor = inverse * f64::from(arrival.reflectance[channel]) / f64::from(arrival.area);
-        }
-        symmetrise(factor.plane_mut(channel), block);
-        self.set_finals(channel, inverse.plane(channel), block);
+        self.set_finals(channel, entering.inverse.plane(channel), block);
         for (new, arrival) in arrivals.iter().enumerate() {
             let finals = &mut self.workspace.finals[arrival.slot.0 as usize * BLOCK..][..block];
-            for (to, &from) in finals.iter_mut().zip(&among.plane(channel)[new * block..]) {
+            for (to, &from) in finals.iter_mut().zip(&entering.among.plane(channel)[new * block..]) {
                 *to = from as f32;
             }
         }
-        self.rank_update(channel, block, factor.plane(channel), true);
+        self.rank_update(channel, block, entering.factor.plane(channel), true);
     }
 
     /// `finals = columns small` of one channel.

@@ -22,7 +22,7 @@
 //! | `truncated.rs` | the sources' update, for comparison |
 
 mod add;
-mod capacitance;
+pub mod capacitance;
 mod probe;
 mod product;
 mod remove;

@@ -10,7 +10,7 @@
 //! numbers, so nobody is ever refused. No product: the columns are there.
 
 use super::LocalMatrix;
-use super::capacitance::{SmallMatrices, symmetrise};
+use super::capacitance::{SmallMatrices, leaving};
 use crate::backend::Slot;
 use crate::exchange::entry_at;
 
@@ -24,18 +24,18 @@ impl LocalMatrix {
         if slots.is_empty() {
             return;
         }
-        let mut leaving = [0; Self::BLOCK_MAX];
-        for (to, slot) in leaving.iter_mut().zip(slots) {
+        let mut places = [0; Self::BLOCK_MAX];
+        for (to, slot) in places.iter_mut().zip(slots) {
             *to = slot.0 as usize;
         }
-        let leaving = &leaving[..slots.len()];
-        self.workspace.set_members(leaving.iter().copied());
-        let correction = self.correction(leaving);
+        let slots = &places[..slots.len()];
+        self.workspace.set_members(slots.iter().copied());
+        let correction = self.correction(slots);
         for channel in 0..3 {
-            self.copy_out(channel, leaving);
-            self.rank_update(channel, leaving.len(), correction.plane(channel), false);
+            self.copy_out(channel, slots);
+            self.rank_update(channel, slots.len(), correction.plane(channel), false);
         }
-        leaving.iter().for_each(|&slot| self.forget(slot));
+        slots.iter().for_each(|&slot| self.forget(slot));
     }
 
     /// Frees a slot whose row and column are clear.
@@ -48,26 +48,15 @@ impl LocalMatrix {
     }
 
     /// `-K`.
-    fn correction(&self, leaving: &[usize]) -> SmallMatrices {
-        let block = leaving.len();
-        let mut matrices = SmallMatrices::zero(block);
-        let reflectance = |place: usize, channel| f64::from(self.reflectance[leaving[place]][channel]);
-        let area = |place: usize| f64::from(self.areas[leaving[place]]);
+    fn correction(&self, slots: &[usize]) -> SmallMatrices {
+        let block = slots.len();
+        let mut exchange = SmallMatrices::zero(block);
         for channel in 0..3 {
-            for (at, entry) in matrices.plane_mut(channel).iter_mut().enumerate() {
-                let (receiver, sender) = (at / block, at % block);
-                let exchange = self.planes[channel][entry_at(leaving[receiver], leaving[sender])];
-                let identity = f64::from(u8::from(receiver == sender));
-                *entry = identity + f64::from(exchange) / area(receiver) * reflectance(sender, channel);
+            for (at, entry) in exchange.plane_mut(channel).iter_mut().enumerate() {
+                let (receiver, sender) = (slots[at / block], slots[at % block]);
+                *entry = f64::from(self.planes[channel][entry_at(receiver, sender)]);
             }
         }
-        matrices.invert(0.0);
-        for channel in 0..3 {
-            for (at, entry) in matrices.plane_mut(channel).iter_mut().enumerate() {
-                *entry *= -reflectance(at / block, channel) / area(at % block);
-            }
-            symmetrise(matrices.plane_mut(channel), block);
-        }
-        matrices
+        leaving(exchange, |place| (self.reflectance[slots[place]], self.areas[slots[place]]))
     }
 }
