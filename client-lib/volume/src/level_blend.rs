@@ -39,12 +39,13 @@ pub(crate) fn share_of_coarser(
         let step = IVec3::new(corner & 1, corner >> 1 & 1, corner >> 2);
         let along = |axis: usize| if step[axis] == 1 { fraction[axis] } else { 1.0 - fraction[axis] };
         let weight = along(0) * along(1) * along(2);
+        let voxel = low + step;
+        let light = fine.at(voxel);
         for axis in 0..3 {
             let (weight, direction) =
                 (weight * normal[axis] * normal[axis], axis * 2 + usize::from(normal[axis] < 0.0));
             if weight > 0.0 {
-                let voxel = low + step;
-                if fine.at(voxel).is_some_and(|light| light.has(direction)) {
+                if light.is_some_and(|light| light.has(direction)) {
                     lit += weight;
                 } else if is_beyond_the_end(fine, coarse, voxel, direction) {
                     beyond += weight;

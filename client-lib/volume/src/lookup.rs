@@ -57,9 +57,10 @@ pub fn lookup<V: Borrow<Volume>>(volumes: &[V], position: Vec3, normal: Vec3) ->
     let mut answered = None;
     for (at, volume) in volumes.iter().enumerate() {
         let volume = volume.borrow();
-        let Some(found) = lookup_in(volume, position, normal) else { continue };
-        let coarser = volumes.get(at + 1).map(Borrow::borrow);
-        let kept = 1.0 - coarser.map_or(0.0, |coarser| share_of_coarser(volume, coarser, position, normal));
+        let Some((low, fraction)) = corners(volume, position, normal) else { continue };
+        let Some(found) = lookup_in(volume, low, fraction, normal) else { continue };
+        let share_of = |coarser| level_blend::share_of_coarser(volume, coarser, low, fraction, normal);
+        let kept = 1.0 - volumes.get(at + 1).map_or(0.0, |coarser| share_of(coarser.borrow()));
         let weight = (1.0 - total.weight) * kept;
         total.add(weight, found.irradiance, found.sky_irradiance, found.quality);
         answered = answered.or(Some(found.level));
@@ -80,11 +81,6 @@ fn corners(volume: &Volume, position: Vec3, normal: Vec3) -> Option<(IVec3, Vec3
     let is_near = local.cmpge(Vec3::splat(-1.0)).all() && local.cmple(layout.dims.as_vec3()).all();
     let low = local.floor();
     is_near.then(|| (layout.origin + low.as_ivec3(), local - low))
-}
-
-fn share_of_coarser(fine: &Volume, coarse: &Volume, position: Vec3, normal: Vec3) -> f32 {
-    let Some((low, fraction)) = corners(fine, position, normal) else { return 0.0 };
-    level_blend::share_of_coarser(fine, coarse, low, fraction, normal)
 }
 
 #[derive(Clone, Copy, Default)]
@@ -122,8 +118,9 @@ impl Sum {
     }
 }
 
-fn lookup_in(volume: &Volume, position: Vec3, normal: Vec3) -> Option<LookedUp> {
-    let (low, fraction) = corners(volume, position, normal)?;
+/// Light of `volume` alone, at the point at `fraction` (0..1) between the centres of voxel `low` and its upper
+/// neighbours.
+fn lookup_in(volume: &Volume, low: IVec3, fraction: Vec3, normal: Vec3) -> Option<LookedUp> {
     let around = Around::of(volume, low, fraction);
     let (mut total, mut slope) = (Sum::default(), Sum::default());
     for axis in 0..3 {

@@ -65,10 +65,7 @@ impl BatchedRow {
     /// The mean of the batches.
     #[must_use]
     pub fn mean(mut self) -> RawRow {
-        let scale = 1.0 / self.batches.max(1) as f32;
-        self.total.entries.iter_mut().for_each(|(_, share)| *share *= scale);
-        self.total.sky.iter_mut().for_each(|share| *share *= scale);
-        self.total.absorbed *= scale;
+        self.total.scale(1.0 / self.batches.max(1) as f32);
         self.total
     }
 }

@@ -12,10 +12,10 @@
 
 use crate::sample::SurfaceSample;
 use earthshine_trace::hemisphere::{cosine_direction, spread_pair};
-use earthshine_trace::{Hit, SceneTracer};
+use earthshine_trace::SceneTracer;
 use earthshine_world::random::{Purpose, hash, unit_pair};
 use earthshine_world::{Light, Vec3};
-use std::cell::Cell;
+use std::cell::{Cell, OnceCell};
 
 /// What becomes of a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,24 +64,25 @@ impl ExposureTest<'_> {
         let (shift_u, shift_v) = unit_pair(hash(self.seed, Purpose::BuriedTest, key, 0));
         let origin = sample.position + sample.normal * self.off_surface_m;
         let (mut back, mut near) = (0, 0);
+        let is_lit = OnceCell::new();
+        let is_lit = || *is_lit.get_or_init(|| self.finds_light(origin, sample.normal, key));
         for index in 0..self.rays {
             let (u, v) = spread_pair(index, shift_u, shift_v);
             let direction = cosine_direction(sample.normal, u, v);
             self.count_ray();
             if let Some(hit) = self.tracer.closest(origin, direction, 0.0, f32::INFINITY) {
-                back += u32::from(self.is_back(&hit));
+                back += u32::from(self.tracer.is_back(&hit));
                 near += u32::from(hit.distance < NEAR_VOXELS * self.voxel_edge_m);
             }
             if index + 1 == FIRST_RAYS && back == 0 && near < FIRST_RAYS / 2 {
                 return Exposure::Open(1.0 - near as f32 / FIRST_RAYS as f32);
             }
-            if index + 1 == FIRST_RAYS && back == FIRST_RAYS && !self.finds_light(origin, sample.normal, key)
-            {
+            if index + 1 == FIRST_RAYS && back == FIRST_RAYS && !is_lit() {
                 return Exposure::Buried;
             }
         }
         let limit = |share: f32| self.rays as f32 * share;
-        if back as f32 > limit(BACK_SHARE) && !self.finds_light(origin, sample.normal, key) {
+        if back as f32 > limit(BACK_SHARE) && !is_lit() {
             Exposure::Buried
         } else if near as f32 > limit(NEAR_SHARE) {
             Exposure::Hidden
@@ -92,11 +93,6 @@ impl ExposureTest<'_> {
 
     fn count_ray(&self) {
         self.cast.set(self.cast.get() + 1);
-    }
-
-    fn is_back(&self, hit: &Hit) -> bool {
-        let scene = self.tracer.scene();
-        !hit.front && !scene.materials[scene.material_of[hit.triangle] as usize].double_sided
     }
 
     /// Whether any of some random paths meets the sky, an emitter, or a place that a lamp shines on.

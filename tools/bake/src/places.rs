@@ -4,6 +4,7 @@
 //! cuts from one side of a triangle), and on it by the nearest sample; a piece without samples goes to the cluster
 //! of its voxel that faces its way most.
 
+use crate::patches::PatchSet;
 use crate::sample::side_weights;
 use crate::voxel_map::VoxelMap;
 use earthshine_world::{AxisWeights, Vec3, VoxelCoord};
@@ -21,7 +22,7 @@ pub struct Place {
     pub normal: Vec3,
 }
 
-/// Patches and the share of a place that is theirs; [`super::patches::PatchSet::NONE`] where there is no patch.
+/// Patches and the share of a place that is theirs; [`PatchSet::NONE`] where there is no patch.
 pub type Owners = [(u32, f32); 3];
 
 /// From places to patches. Only looked up, never iterated.
@@ -41,13 +42,11 @@ pub(crate) struct ClusterPlaces {
 }
 
 impl Places {
-    const NONE: u32 = u32::MAX;
-
     /// Patches of `voxel` by direction; none where patches are clusters.
     pub(crate) fn of_voxel(&self, voxel: VoxelCoord) -> [u32; 6] {
         match self {
-            Self::Axis { by_voxel, .. } => by_voxel.get(&voxel).copied().unwrap_or([Self::NONE; 6]),
-            Self::Clusters(_) => [Self::NONE; 6],
+            Self::Axis { by_voxel, .. } => by_voxel.get(&voxel).copied().unwrap_or([PatchSet::NONE; 6]),
+            Self::Clusters(_) => [PatchSet::NONE; 6],
         }
     }
 
@@ -59,7 +58,7 @@ impl Places {
                 side_weights(*weights, place.normal)
                     .map(|(direction, weight)| (patches[direction.index()], weight))
             }
-            Self::Clusters(places) => [(places.owner(place), 1.0), (Self::NONE, 0.0), (Self::NONE, 0.0)],
+            Self::Clusters(places) => [(places.owner(place), 1.0), (PatchSet::NONE, 0.0), (PatchSet::NONE, 0.0)],
         }
     }
 }
@@ -78,12 +77,12 @@ impl ClusterPlaces {
         if let Some(samples) = self.pieces.get(&(place.side, place.voxel)) {
             let distance = |sample: &&(Vec3, u32)| sample.0.distance_squared(place.position);
             let nearest = samples.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
-            return nearest.map_or(Places::NONE, |&(_, patch)| patch);
+            return nearest.map_or(PatchSet::NONE, |&(_, patch)| patch);
         }
         let facing = |&&(normal, _): &&(Vec3, u32)| normal.dot(place.normal);
-        self.voxels.get(&place.voxel).map_or(Places::NONE, |clusters| {
+        self.voxels.get(&place.voxel).map_or(PatchSet::NONE, |clusters| {
             let ahead = clusters.iter().filter(|cluster| facing(cluster) > 0.0);
-            ahead.max_by(|a, b| facing(a).total_cmp(&facing(b))).map_or(Places::NONE, |&(_, patch)| patch)
+            ahead.max_by(|a, b| facing(a).total_cmp(&facing(b))).map_or(PatchSet::NONE, |&(_, patch)| patch)
         })
     }
 }

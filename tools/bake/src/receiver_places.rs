@@ -44,7 +44,7 @@ const OFFSETS: [Vec3; 15] = {
 
 /// What is known of a voxel's patches.
 #[derive(Clone, Copy, Default)]
-struct Surfaces {
+struct VoxelPatches {
     taken: u8,
     /// The patch with the largest area.
     largest: Option<u32>,
@@ -65,7 +65,7 @@ pub(crate) fn candidates(caster: &RowCaster<'_>) -> BTreeMap<[i32; 3], Vec<Candi
         .collect();
     let mut by_chunk: BTreeMap<[i32; 3], Vec<Candidate>> = BTreeMap::new();
     for voxel in near {
-        let Surfaces { taken, largest } = surfaces.get(&voxel).copied().unwrap_or_default();
+        let VoxelPatches { taken, largest } = surfaces.get(&voxel).copied().unwrap_or_default();
         if taken != 0b11_1111 {
             let voxel = IVec3::from(voxel);
             let place = place_in(caster, voxel, largest);
@@ -76,8 +76,8 @@ pub(crate) fn candidates(caster: &RowCaster<'_>) -> BTreeMap<[i32; 3], Vec<Candi
     by_chunk
 }
 
-fn surfaces(caster: &RowCaster<'_>) -> BTreeMap<[i32; 3], Surfaces> {
-    let mut surfaces: BTreeMap<[i32; 3], Surfaces> = BTreeMap::new();
+fn surfaces(caster: &RowCaster<'_>) -> BTreeMap<[i32; 3], VoxelPatches> {
+    let mut surfaces: BTreeMap<[i32; 3], VoxelPatches> = BTreeMap::new();
     let area = |patch: u32| caster.set.patches[patch as usize].patch.area;
     for (index, source) in caster.set.patches.iter().enumerate() {
         let (index, patch) = (index as u32, &source.patch);

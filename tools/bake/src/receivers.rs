@@ -98,9 +98,11 @@ impl ReceiverBake<'_> {
             absorbed += end.absorbed_share();
             for axis in 0..3 {
                 let facing = Direction::of_component(axis, direction[axis]).index();
-                let weight = direction[axis].abs();
-                weights[facing] += weight;
-                rows[facing].add(&end, direction, weight);
+                if candidate.taken >> facing & 1 == 0 {
+                    let weight = direction[axis].abs();
+                    weights[facing] += weight;
+                    rows[facing].add(&end, direction, weight);
+                }
             }
             if index + 1 == FIRST_RAYS && absorbed > CLEARLY_ABSORBED * FIRST_RAYS as f32 {
                 cast.fetch_add(u64::from(FIRST_RAYS), Ordering::Relaxed);
@@ -112,10 +114,6 @@ impl ReceiverBake<'_> {
             return Default::default();
         }
         for (direction, row) in rows.iter_mut().enumerate() {
-            if candidate.taken >> direction & 1 == 1 {
-                *row = RawRow::default();
-                continue;
-            }
             row.merge();
             row.scale(1.0 / weights[direction].max(f32::MIN_POSITIVE));
             let draw =

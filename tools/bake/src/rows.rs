@@ -143,7 +143,7 @@ impl RawRow {
 
     /// Sorts the entries and adds up those of one patch.
     pub(crate) fn merge(&mut self) {
-        self.entries.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+        self.entries.sort_by_key(|&(patch, _)| patch);
         self.entries.dedup_by(|later, kept| {
             let same = later.0 == kept.0;
             if same {

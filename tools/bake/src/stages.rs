@@ -16,7 +16,7 @@ use crate::{BakeError, BakeSummary, identity, reciprocity};
 use earthshine_scene::Scene;
 use earthshine_tiles::{BakeParameters, ChunkEntry, EncodeOptions, Manifest, RowCodec, format};
 use earthshine_trace::SceneTracer;
-use earthshine_world::{Grid, LightRig, Vec3};
+use earthshine_world::{Grid, LightRig};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -171,10 +171,8 @@ const SAMPLES_MAX: f64 = 1e8;
 
 /// Refuses a voxel edge that would fill the memory before anything is allocated.
 fn check_size(scene: &Scene, parameters: &BakeParameters) -> Result<(), BakeError> {
-    let area = |[a, b, c]: &[Vec3; 3]| f64::from((*b - *a).cross(*c - *a).length()) * 0.5;
-    let surface: f64 = scene.triangles.iter().map(area).sum();
     let edge = f64::from(parameters.grid.voxel_edge_m);
-    let samples = 2.0 * surface / (edge * edge) * f64::from(parameters.samples_per_voxel_face);
+    let samples = 2.0 * scene.surface_area() / (edge * edge) * f64::from(parameters.samples_per_voxel_face);
     if samples <= SAMPLES_MAX {
         return Ok(());
     }

@@ -5,7 +5,7 @@ use crate::scene_source::SceneSource;
 use clap::{Args, ValueEnum};
 use earthshine_gen::WorldKind;
 use earthshine_tiles::BakeParameters;
-use earthshine_world::{AxisWeights, Grid, Vec3};
+use earthshine_world::{AxisWeights, Grid};
 
 /// What the bytes of a bake depend on.
 #[derive(Args, Clone)]
@@ -130,9 +130,7 @@ fn default_voxel_edge_m(source: &SceneSource) -> f32 {
         Some(WorldKind::Town) => return 2.0,
         None => {}
     }
-    let area = |[a, b, c]: &[Vec3; 3]| f64::from((*b - *a).cross(*c - *a).length()) * 0.5;
-    let surface: f64 = source.scene.triangles.iter().map(area).sum();
     // Both sides of every triangle.
-    let edge = (2.0 * surface / PATCHES_AIM).sqrt();
+    let edge = (2.0 * source.scene.surface_area() / PATCHES_AIM).sqrt();
     edge.log2().ceil().clamp(-6.0, 2.0).exp2() as f32
 }

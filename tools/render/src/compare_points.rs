@@ -131,7 +131,11 @@ fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
 }
 
 /// The smallest value that at least `share` of `ascending` do not exceed.
-fn percentile(ascending: &[f64], share: f64) -> f64 {
+///
+/// # Panics
+/// If there is none.
+#[must_use]
+pub fn percentile(ascending: &[f64], share: f64) -> f64 {
     let rank = (share * ascending.len() as f64).ceil() as usize;
     ascending[rank.clamp(1, ascending.len()) - 1]
 }

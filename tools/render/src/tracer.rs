@@ -106,7 +106,7 @@ impl<'scene> SceneTracer<'scene> {
     #[must_use]
     pub fn vertex(&self, hit: &Hit) -> Vertex {
         let surface = self.rays.surface(hit);
-        let black = self.sides == Sides::One && !hit.front && !self.is_double_sided(hit.triangle);
+        let black = self.sides == Sides::One && self.is_back(hit);
         Vertex {
             position: point_on(&self.scene().triangles[hit.triangle], hit.u, hit.v),
             normal: self.rays.normal(hit),
@@ -115,8 +115,10 @@ impl<'scene> SceneTracer<'scene> {
         }
     }
 
-    fn is_double_sided(&self, triangle: usize) -> bool {
-        self.scene().materials[self.scene().material_of[triangle] as usize].double_sided
+    /// Whether a hit is on the back of something that has but one side.
+    #[must_use]
+    pub fn is_back(&self, hit: &Hit) -> bool {
+        self.rays.is_back(hit)
     }
 }
 

@@ -87,6 +87,13 @@ impl Scene {
         bounds
     }
 
+    /// Area of all triangles, one side of each, m2.
+    #[must_use]
+    pub fn surface_area(&self) -> f64 {
+        let area = |[a, b, c]: &[Vec3; 3]| f64::from((*b - *a).cross(*c - *a).length()) * 0.5;
+        self.triangles.iter().map(area).sum()
+    }
+
     /// Unit geometric normal of the front face.
     #[must_use]
     pub fn normal(&self, triangle: usize) -> Vec3 {

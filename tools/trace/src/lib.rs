@@ -138,6 +138,12 @@ impl<'scene> SceneTracer<'scene> {
         self.scene.surface(hit.triangle, hit.u, hit.v, hit.front)
     }
 
+    /// Whether a hit is on the back of something that has but one side.
+    #[must_use]
+    pub fn is_back(&self, hit: &Hit) -> bool {
+        !hit.front && !self.scene.materials[self.scene.material_of[hit.triangle] as usize].double_sided
+    }
+
     /// Unit geometric normal of the side that was hit.
     #[must_use]
     pub fn normal(&self, hit: &Hit) -> Vec3 {

@@ -13,6 +13,7 @@ use earthshine_bake::SceneTracer;
 use earthshine_bake::builder::{Builder, Surfaces};
 use earthshine_bake::estimator::Estimator;
 use earthshine_bake::rows::{RawRow, RowCaster};
+use earthshine_render::compare_points::percentile;
 use earthshine_tiles::{BakeMethod, BakeParameters, RaySpread, RowEstimator};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -184,13 +185,12 @@ impl<'a> Bench<'a> {
             rows.iter().zip(&self.reference).map(|(row, truth)| distance(row, truth)).collect();
         errors.sort_by(f64::total_cmp);
         let count = errors.len() as f64;
-        let at = |share: f64| errors.get((share * (count - 1.0)).round() as usize).copied().unwrap_or(0.0);
         RowErrors {
             rays_mean: rows.iter().map(|row| f64::from(row.rays)).sum::<f64>() / count,
             error_mean: errors.iter().sum::<f64>() / count,
             error_rms: (errors.iter().map(|error| error * error).sum::<f64>() / count).sqrt(),
-            error_p95: at(0.95),
-            error_max: at(1.0),
+            error_p95: percentile(&errors, 0.95),
+            error_max: percentile(&errors, 1.0),
             row_us: seconds / count * 1e6,
         }
     }

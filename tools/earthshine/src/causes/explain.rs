@@ -11,7 +11,7 @@ use earthshine_bake::sample::voxel_of;
 use earthshine_render::SceneTracer;
 use earthshine_render::csv::ReferencePoint;
 use earthshine_volume::Volume;
-use earthshine_world::{Direction, Grid, LightRig, SamplePoint, Vec3, VoxelCoord};
+use earthshine_world::{Direction, LightRig, SamplePoint, Vec3, VoxelCoord};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -164,8 +164,7 @@ impl<'a> Explainer<'a> {
             return self.scene.gather_patch(lit.points, rays);
         }
         // Light without a patch is a receiver's: it stands at the centre of its voxel.
-        let edge = self.scene.voxel_edge_m();
-        let centre = Grid { voxel_edge_m: edge, chunk_edge_voxels: 1 }.voxel_centre(voxel);
+        let centre = self.scene.parameters.grid.voxel_centre(voxel);
         let normal = Direction::ALL[direction].vector();
         self.scene.gather_patch(&[SamplePoint { position: centre, normal }], rays)
     }

@@ -119,7 +119,7 @@ impl SceneLight<'_> {
             None => (mean(self.rig.sky.radiance(direction) * PI), false, false),
             Some(hit) => {
                 let near = hit.distance < NEAR_VOXELS * self.voxel_edge_m();
-                let back = self.is_back(&hit);
+                let back = self.tracer.is_back(&hit);
                 (mean(self.at(&self.tracer.vertex(&hit)).exitance()), near, back)
             }
         }

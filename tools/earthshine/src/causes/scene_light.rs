@@ -6,7 +6,7 @@ use earthshine_bake::sample::{side_weights, voxel_of};
 use earthshine_render::path::{EmitterSampling, PathTracer};
 use earthshine_render::sampling::{PathStream, cosine_direction};
 use earthshine_render::tracer::{Vertex, off_surface};
-use earthshine_render::{Hit, SceneTracer};
+use earthshine_render::SceneTracer;
 use earthshine_tiles::BakeParameters;
 use earthshine_world::{LightRig, Patch, Rgb, SamplePoint, Vec3, VoxelCoord};
 use std::collections::HashMap;
@@ -133,12 +133,6 @@ impl<'a> SceneLight<'a> {
         let paths =
             PathTracer { tracer: self.tracer, rig: self.rig, emitter_sampling: EmitterSampling::Balanced };
         paths.lamp_irradiance(vertex, stream, &mut 0)
-    }
-
-    /// Whether a hit is on the back of something that has but one side.
-    pub(crate) fn is_back(&self, hit: &Hit) -> bool {
-        let scene = self.tracer.scene();
-        !hit.front && !scene.materials[scene.material_of[hit.triangle] as usize].double_sided
     }
 
     /// Whether nothing stands between two places.
