@@ -2,7 +2,7 @@
 
 use crate::ClientError;
 use earthshine_protocol::{VOLUME_DIM_MAX, VOLUME_VOXELS_MAX, v1};
-use earthshine_volume::{Layout, Volume, VoxelLight, rgb9e5};
+use earthshine_volume::{Layout, Volume, VoxelLight, plane, rgb9e5};
 use glam::{IVec3, UVec3};
 
 /// Where a volume is said to be.
@@ -59,6 +59,9 @@ pub(crate) fn check_delta(delta: &v1::Delta, voxel_count: u32) -> Result<(), Cli
     if !(delta.sky_irradiance.is_empty() || delta.sky_irradiance.len() == patches) {
         return fault(format!("{} sky irradiances for {patches} patches", delta.sky_irradiance.len()));
     }
+    if !(delta.plane.is_empty() || delta.plane.len() == patches) {
+        return fault(format!("{} planes for {patches} patches", delta.plane.len()));
+    }
     if delta.voxels.iter().skip(1).any(|&step| step == 0) {
         return fault("voxels do not ascend".to_owned());
     }
@@ -87,6 +90,7 @@ pub(crate) fn apply_delta(delta: &v1::Delta, volume: &mut Volume) {
             } else {
                 light.set(direction, irradiance, sky, quality);
             }
+            light.plane[direction] = delta.plane.get(patch).copied().unwrap_or(plane::UNKNOWN);
             patch += 1;
         }
         volume.set(index, &light);

@@ -7,7 +7,7 @@
 
 use earthshine_engine::{EngineConfig, Frame, FrameQuality, PatchLight};
 use earthshine_protocol::DELTA_VOXELS_MAX;
-use earthshine_volume::{Layout, rgb9e5};
+use earthshine_volume::{Layout, plane, rgb9e5};
 use glam::{IVec3, UVec3, Vec3};
 
 /// Emptied voxels that are remembered. Beyond it they are forgotten, and a client from before starts over.
@@ -33,11 +33,19 @@ pub(crate) struct VoxelCodes {
     pub(crate) sky_irradiance: [u32; 6],
     /// 0..=255 for 0..=1.
     pub(crate) quality: [u8; 6],
+    /// Where surfaces lie: see `earthshine_volume::plane`.
+    pub(crate) plane: [u8; 6],
 }
 
 impl VoxelCodes {
-    const EMPTY: Self =
-        Self { present: 0, air: 0, irradiance: [0; 6], sky_irradiance: [0; 6], quality: [0; 6] };
+    const EMPTY: Self = Self {
+        present: 0,
+        air: 0,
+        irradiance: [0; 6],
+        sky_irradiance: [0; 6],
+        quality: [0; 6],
+        plane: [plane::UNKNOWN; 6],
+    };
 
     fn add(&mut self, patch: &PatchLight, is_air: bool) {
         let direction = patch.direction.index();
@@ -47,6 +55,7 @@ impl VoxelCodes {
         self.sky_irradiance[direction] = rgb9e5::encode(patch.sky_irradiance);
         let rests_on = patch.known_share + patch.fed_share;
         self.quality[direction] = (rests_on.clamp(0.0, 1.0) * 255.0).round() as u8;
+        self.plane[direction] = patch.plane_offset.map_or(plane::UNKNOWN, plane::encode);
     }
 
     /// Takes the directions of `other` that it has nothing on.
@@ -55,6 +64,7 @@ impl VoxelCodes {
             self.irradiance[direction] = other.irradiance[direction];
             self.sky_irradiance[direction] = other.sky_irradiance[direction];
             self.quality[direction] = other.quality[direction];
+            self.plane[direction] = other.plane[direction];
             self.air |= other.air & 1 << direction;
         }
         self.present |= other.present;

@@ -132,6 +132,7 @@ mod tests {
             direction: Direction::PosY,
             irradiance: Rgb::splat(light),
             sky_irradiance: Rgb::ZERO,
+            plane_offset: Some(0.5),
             known_share: 1.0,
             far_share: 0.0,
             fed_share: 0.0,

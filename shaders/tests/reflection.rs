@@ -3,6 +3,7 @@
 
 use earthshine_shaders::LOOKUP_IRRADIANCE;
 use earthshine_volume::lookup::{AIR_FLOOR, NORMAL_OFFSET_VOXELS, SURFACE_WEIGHT, WEIGHT_MIN};
+use earthshine_volume::plane::{PLANE_REACH_VOXELS, PLANE_STEPS};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 
 fn parsed(source: &str) -> naga::Module {
@@ -38,5 +39,7 @@ fn the_lookup_shader_is_valid_and_has_the_rust_rule_s_constants() {
     assert_eq!(constant(&module, "SURFACE_WEIGHT"), SURFACE_WEIGHT);
     assert_eq!(constant(&module, "AIR_FLOOR"), AIR_FLOOR);
     assert_eq!(constant(&module, "WEIGHT_MIN"), WEIGHT_MIN);
-    assert_eq!((span(&module, "VolumeLayout"), span(&module, "VoxelBlock")), (32, 28));
+    assert_eq!(constant(&module, "PLANE_REACH_VOXELS"), PLANE_REACH_VOXELS);
+    assert_eq!(constant(&module, "PLANE_STEPS"), PLANE_STEPS);
+    assert_eq!((span(&module, "VolumeLayout"), span(&module, "VoxelBlock")), (32, 36));
 }

@@ -144,6 +144,8 @@ impl SolvedWorld {
         for (index, patch) in self.patches().enumerate() {
             let (all, sky) = (solution.irradiance[index], solution.sky_irradiance[index]);
             volume.set_patch(patch.voxel, patch.direction.index(), all, sky, u8::MAX);
+            let plane = earthshine_volume::plane::encode(patch.plane_offset(self.grid.voxel_edge_m));
+            volume.set_plane(patch.voxel, patch.direction.index(), plane);
         }
         volume
     }

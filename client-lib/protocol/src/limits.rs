@@ -25,4 +25,4 @@ pub const TEXT_BYTES_MAX: usize = 1024;
 /// patch, six bytes a voxel) stays under half of [`MESSAGE_BYTES_MAX`].
 pub const DELTA_VOXELS_MAX: usize = 1 << 16;
 
-const _: () = assert!(DELTA_VOXELS_MAX * (6 * 10 + 6) < MESSAGE_BYTES_MAX / 2);
+const _: () = assert!(DELTA_VOXELS_MAX * (6 * 11 + 6) < MESSAGE_BYTES_MAX / 2);

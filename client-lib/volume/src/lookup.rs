@@ -1,21 +1,21 @@
 //! The lookup rule: what light a point with a normal reads from the voxels around it.
 //!
 //! `I(x, n) = sum_a n_a^2 I_a(x)` over the three directions that `n` faces. `I_a` is trilinear over the eight
-//! voxels around `x + 0.25 voxel * n`; voxels without light on that direction are skipped and the rest is
-//! divided by the weight that is left. A direction with nothing left gives its `n_a^2` to the others; a
+//! voxels around `x + 0.25 voxel * n`, each weight times how near `x` is to the plane of the value ([`plane`]); voxels
+//! without light on that direction are skipped and the rest is divided by the weight that is left. A direction with nothing left gives its `n_a^2` to the others; a
 //! volume with nothing at all leaves the point to the next coarser one, and one that ends nearby shares it with that
 //! (`level_blend`).
 //!
 //! Light comes from surfaces (patches) and from the air (receivers). Two things are the air's alone, and both fade
 //! with its share, so that what moves through the air never meets a step:
 //!
-//! - It counts `max(0, 1 - w / 0.25)` of its weight, where `w` is the weight of patches: a point on a surface reads
-//!   surfaces.
+//! - It counts `max(0, 1 - w / 0.25)` of its weight, where `w` is the trilinear weight of patches: a point on a surface
+//!   reads surfaces.
 //! - Air knows the opposite direction too, so `|n_a| (1 - |n_a|) (I_a - I_-a) / 2` is added: with it light that varies
 //!   linearly with the normal (a sky's) is read exactly, at slanted normals too. What it takes away
 //!   is limited to a quarter of the sum, because a lamp does not darken what turns away from it.
 
-use crate::{Volume, level_blend};
+use crate::{Volume, level_blend, plane};
 use glam::{IVec3, Vec3};
 use std::borrow::Borrow;
 
@@ -121,7 +121,7 @@ impl Sum {
 /// Light of `volume` alone, at the point at `fraction` (0..1) between the centres of voxel `low` and its upper
 /// neighbours.
 fn lookup_in(volume: &Volume, low: IVec3, fraction: Vec3, normal: Vec3) -> Option<LookedUp> {
-    let around = Around::of(volume, low, fraction);
+    let around = Around::of(volume, low, fraction, normal);
     let (mut total, mut slope) = (Sum::default(), Sum::default());
     for axis in 0..3 {
         let facing = axis * 2 + usize::from(normal[axis] < 0.0);
@@ -143,30 +143,38 @@ fn lookup_in(volume: &Volume, low: IVec3, fraction: Vec3, normal: Vec3) -> Optio
 }
 
 /// What the eight voxels around a point hold, by direction.
+#[derive(Default)]
 struct Around {
+    /// Each patch by its trilinear weight times its nearness.
     surfaces: [Sum; 6],
+    /// Trilinear weight of patches.
+    surface_weights: [f32; 6],
     airs: [Sum; 6],
 }
 
 impl Around {
-    /// Around the point at `fraction` (0..1) between the centres of voxel `low` and its upper neighbours.
-    fn of(volume: &Volume, low: IVec3, fraction: Vec3) -> Self {
-        let mut around = Self { surfaces: Default::default(), airs: Default::default() };
+    /// Around the point at `fraction` (0..1) between the centres of voxel `low` and its upper neighbours, which a
+    /// surface with `normal` reads.
+    fn of(volume: &Volume, low: IVec3, fraction: Vec3, normal: Vec3) -> Self {
+        let mut around = Self::default();
+        // Of the surface itself, in voxels from the low corner of voxel `low`.
+        let surface = fraction + 0.5 - NORMAL_OFFSET_VOXELS * normal;
         for corner in 0..8 {
             let step = IVec3::new(corner & 1, corner >> 1 & 1, corner >> 2);
             let Some(light) = volume.at(low + step) else { continue };
             let along = |axis: usize| if step[axis] == 1 { fraction[axis] } else { 1.0 - fraction[axis] };
             let weight = along(0) * along(1) * along(2);
             for direction in (0..6).filter(|&direction| light.has(direction)) {
-                let is_air = light.is_air(direction);
-                let sums = if is_air { &mut around.airs } else { &mut around.surfaces };
+                let (all, sky) = (light.irradiance[direction], light.sky_irradiance[direction]);
                 let quality = f32::from(light.quality[direction]) / 255.0;
-                sums[direction].add(
-                    weight,
-                    light.irradiance[direction],
-                    light.sky_irradiance[direction],
-                    quality,
-                );
+                if light.is_air(direction) {
+                    around.airs[direction].add(weight, all, sky, quality);
+                } else {
+                    let height = surface[direction / 2] - step[direction / 2] as f32;
+                    let near = plane::nearness(light.plane[direction], height);
+                    around.surfaces[direction].add(weight * near, all, sky, quality);
+                    around.surface_weights[direction] += weight;
+                }
             }
         }
         around
@@ -176,8 +184,12 @@ impl Around {
     /// air's.
     fn read(&self, facing: usize) -> Option<(Sum, Sum)> {
         let (surface, air) = (self.surfaces[facing], self.airs[facing]);
-        let room = (1.0 - surface.weight / SURFACE_WEIGHT).max(0.0);
-        let mut both = surface;
+        let surface_weight = self.surface_weights[facing];
+        let room = (1.0 - surface_weight / SURFACE_WEIGHT).max(0.0);
+        let mut both = Sum::default();
+        if surface.weight > 0.0 {
+            both.add_sum(surface_weight / surface.weight, &surface);
+        }
         both.add_sum(room, &air);
         let mean = both.mean()?;
         let mut slope = Sum::default();
@@ -360,6 +372,32 @@ mod tests {
             let (coarse, fine) = (largest(4000), largest(16_000));
             assert!(fine < 0.3 * coarse, "{normal}: {coarse}, then {fine}");
         }
+    }
+
+    /// Goal: a point reads the floor it stands on. Method: two floors in one column of voxels, one a step below the
+    /// other, both within what the upper one reads.
+    #[test]
+    fn points_read_the_surface_whose_plane_they_lie_in() {
+        let mut volume = Volume::new(layout()).unwrap();
+        for (x, z) in [(0, 2), (1, 2), (0, 3), (1, 3)] {
+            for (y, light) in [(0, 1.0), (1, 5.0)] {
+                volume.set_patch(IVec3::new(x, y, z), 2, Vec3::splat(light), Vec3::ZERO, 255);
+            }
+        }
+        let read = |volume: &Volume, height: f32| {
+            let position = Vec3::new(1.0, height, 3.0) * EDGE_M;
+            lookup(&[volume], position, Vec3::Y).unwrap().irradiance.x
+        };
+        // Half-way between the layers in height, the upper floor just above.
+        assert!((read(&volume, 0.75) - 3.0).abs() < 1e-5, "without planes it is a mean");
+        for (x, z) in [(0, 2), (1, 2), (0, 3), (1, 3)] {
+            for (y, offset) in [(0, 0.75), (1, 0.3)] {
+                assert!(volume.set_plane(IVec3::new(x, y, z), 2, plane::encode(offset)));
+            }
+        }
+        assert!((read(&volume, 0.75) - 1.0).abs() < 0.15, "{}", read(&volume, 0.75));
+        assert!((read(&volume, 1.3) - 5.0).abs() < 0.15, "{}", read(&volume, 1.3));
+        assert_eq!(volume.without_air(), volume, "planes stay with their surfaces");
     }
 
     #[test]

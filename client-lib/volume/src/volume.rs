@@ -3,7 +3,7 @@
 //! A volume copies in time proportional to its lit voxels plus four bytes a voxel, so that a client can
 //! publish one a frame. It knows nothing of generations or of the wire.
 
-use crate::{Layout, LayoutError};
+use crate::{Layout, LayoutError, plane};
 use glam::{IVec3, Vec3};
 
 /// Light on up to six patches of one voxel.
@@ -20,6 +20,8 @@ pub struct VoxelLight {
     pub irradiance: [Vec3; 6],
     /// The part of it that came straight from the sky, lx.
     pub sky_irradiance: [Vec3; 6],
+    /// Where in the voxel the surface lies: see [`plane::encode`].
+    pub plane: [u8; 6],
 }
 
 impl VoxelLight {
@@ -30,6 +32,7 @@ impl VoxelLight {
         quality: [0; 6],
         irradiance: [Vec3::ZERO; 6],
         sky_irradiance: [Vec3::ZERO; 6],
+        plane: [plane::UNKNOWN; 6],
     };
     /// All six bits of [`Self::present`].
     pub const ALL_PRESENT: u8 = 0b11_1111;
@@ -46,7 +49,7 @@ impl VoxelLight {
         self.air >> direction & 1 == 1
     }
 
-    /// Puts a patch on direction `direction`. Channels that are not finite become zero.
+    /// Puts a patch on direction `direction`, its plane unknown. Channels that are not finite become zero.
     ///
     /// # Panics
     /// If `direction` is not 0..6.
@@ -55,6 +58,7 @@ impl VoxelLight {
         self.irradiance[direction] = finite(irradiance);
         self.sky_irradiance[direction] = finite(sky_irradiance);
         self.quality[direction] = quality;
+        self.plane[direction] = plane::UNKNOWN;
         self.present |= 1 << direction;
         self.air &= !(1 << direction);
     }
@@ -160,6 +164,15 @@ impl Volume {
         self.change(voxel, |light| light.set(direction, irradiance, sky_irradiance, quality))
     }
 
+    /// Says where in `voxel` the surface of the patch on `direction` lies: see [`plane::encode`]. Says whether `voxel` is
+    /// inside.
+    ///
+    /// # Panics
+    /// If `direction` is not 0..6.
+    pub fn set_plane(&mut self, voxel: IVec3, direction: usize, code: u8) -> bool {
+        self.change(voxel, |light| light.plane[direction] = code)
+    }
+
     /// Puts one receiver into `voxel`, unless a patch is on `direction`. Says whether `voxel` is inside.
     ///
     /// # Panics
@@ -186,6 +199,7 @@ impl Volume {
                 {
                     let (all, sky) = (light.irradiance[direction], light.sky_irradiance[direction]);
                     kept.set(direction, all, sky, light.quality[direction]);
+                    kept.plane[direction] = light.plane[direction];
                 }
                 surfaces.set(index, &kept);
             }

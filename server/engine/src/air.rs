@@ -195,6 +195,7 @@ fn gathered(chunk: &Chunk, row: usize, segments: &[&[u32]], exitance: &[Rgb], ri
         direction: place.direction,
         irradiance: finite(irradiance + sky),
         sky_irradiance: finite(sky),
+        plane_offset: None,
         known_share: (parts.resident + parts.sky + parts.absorbed).clamp(0.0, 1.0),
         far_share: parts.far.clamp(0.0, 1.0),
         // Far columns of receivers are a gap, for now.

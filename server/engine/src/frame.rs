@@ -14,6 +14,9 @@ pub struct PatchLight {
     pub irradiance: Rgb,
     /// The part of it that came straight from the sky, lx.
     pub sky_irradiance: Rgb,
+    /// Where in the voxel the surface lies along the axis of `direction`, in voxel edges from the low side, 0..=1.
+    /// Nothing of a receiver.
+    pub plane_offset: Option<f32>,
     /// Share of the row that is resident or sky or absorbed, 0..=1: what the light rests on.
     pub known_share: f32,
     /// Share of the row whose columns exist but are not resident, 0..=1.

@@ -430,16 +430,17 @@ impl Session {
         if !std::mem::take(&mut self.has_news) && self.told == Some(quality) {
             return None;
         }
-        let patches = patch_lights(local);
+        let voxel_edge_m = table.levels()[0].grid.voxel_edge_m;
+        let patches = patch_lights(local, voxel_edge_m);
         let mut coarse = Vec::with_capacity(self.coarse.len());
         for (view, plan) in self.coarse.iter_mut().zip(&table.levels()[1..]) {
             let (level, voxel_edge_m) = (plan.level, plan.grid.voxel_edge_m);
-            let patches = view.local.as_mut().map(patch_lights).unwrap_or_default();
+            let local = view.local.as_mut();
+            let patches = local.map(|local| patch_lights(local, voxel_edge_m)).unwrap_or_default();
             coarse.push(LevelLight { level, voxel_edge_m, patches });
         }
         self.told = Some(quality);
         self.frames += 1;
-        let voxel_edge_m = table.levels()[0].grid.voxel_edge_m;
         let frame = Arc::new(Frame {
             session: self.id,
             number: self.frames,
@@ -471,18 +472,19 @@ impl Session {
 }
 
 /// The light of every slot, in the order of frames.
-fn patch_lights(local: &mut LocalSet) -> Vec<PatchLight> {
+fn patch_lights(local: &mut LocalSet, voxel_edge_m: f32) -> Vec<PatchLight> {
     let order = local.frame_order().to_vec();
-    order.into_iter().map(|slot| patch_light(local.resident(slot))).collect()
+    order.into_iter().map(|slot| patch_light(local.resident(slot), voxel_edge_m)).collect()
 }
 
-fn patch_light(resident: &Resident) -> PatchLight {
+fn patch_light(resident: &Resident, voxel_edge_m: f32) -> PatchLight {
     let parts = resident.parts;
     PatchLight {
         voxel: resident.patch.voxel,
         direction: resident.patch.direction,
         irradiance: resident.light.irradiance,
         sky_irradiance: resident.light.sky_irradiance(),
+        plane_offset: Some(resident.patch.plane_offset(voxel_edge_m)),
         known_share: (parts.resident + parts.sky + parts.absorbed).clamp(0.0, 1.0),
         far_share: parts.far.clamp(0.0, 1.0),
         fed_share: resident.fed_share.clamp(0.0, 1.0),

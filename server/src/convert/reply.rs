@@ -6,6 +6,7 @@ use crate::publish::{Changes, DeltaStore};
 use earthshine_engine::{FrameQuality, SessionStats};
 use earthshine_protocol::v1::{self, server_message::Message};
 use earthshine_protocol::{PROTOCOL_MAX, PROTOCOL_MIN, TEXT_BYTES_MAX};
+use earthshine_volume::plane;
 use earthshine_world::{Bounds, Light, LightRig, Rgb, Vec3, WorldIndex};
 use glam::IVec3;
 
@@ -103,6 +104,7 @@ pub(crate) fn delta(changes: &Changes) -> v1::ServerMessage {
             delta.irradiance.push(codes.irradiance[direction]);
             delta.sky_irradiance.push(codes.sky_irradiance[direction]);
             delta.quality.push(codes.quality[direction]);
+            delta.plane.push(codes.plane[direction]);
         }
     }
     if delta.sky_irradiance.iter().all(|&code| code == 0) {
@@ -110,6 +112,9 @@ pub(crate) fn delta(changes: &Changes) -> v1::ServerMessage {
     }
     if delta.air.iter().all(|&mask| mask == 0) {
         delta.air.clear();
+    }
+    if delta.plane.iter().all(|&code| code == plane::UNKNOWN) {
+        delta.plane.clear();
     }
     say(Message::Delta(delta))
 }

@@ -15,6 +15,7 @@ fn frame(lights: &[(IVec3, f32)]) -> Frame {
             direction: Direction::PosY,
             irradiance: Vec3::splat(light),
             sky_irradiance: Vec3::splat(light * 0.5),
+            plane_offset: Some(0.5),
             known_share: 1.0,
             far_share: 0.0,
             fed_share: 0.0,

@@ -34,6 +34,13 @@ pub struct Patch {
 }
 
 impl Patch {
+    /// Where in its voxel its surface lies along the axis of its direction, in voxel edges from the low side, 0..=1.
+    #[must_use]
+    pub fn plane_offset(&self, voxel_edge_m: f32) -> f32 {
+        let axis = self.direction.axis();
+        (self.centroid[axis] / voxel_edge_m - self.voxel[axis] as f32).clamp(0.0, 1.0)
+    }
+
     /// Most reflectance a patch may have: above it closed rooms take hundreds of bounces to settle.
     pub const REFLECTANCE_MAX: f32 = 0.98;
 }

@@ -12,6 +12,10 @@ const SURFACE_WEIGHT: f32 = 0.25;
 const AIR_FLOOR: f32 = 0.75;
 // Weights below it are nothing.
 const WEIGHT_MIN: f32 = 1e-6;
+// At this distance from its plane, in voxels, a value counts half.
+const PLANE_REACH_VOXELS: f32 = 0.1;
+// Steps between the two sides of a voxel; codes of planes are one more than the step, 0 for unknown.
+const PLANE_STEPS: f32 = 254.0;
 
 struct VolumeLayout {
     origin: vec3<i32>,      //  0  lowest voxel, in voxels
@@ -23,7 +27,8 @@ struct VolumeLayout {
 struct VoxelBlock {
     present: u32,                 //  0  bit a: direction a has light; bit 8 + a: it is the air's (a receiver's)
     irradiance: array<u32, 6>,    //  4  RGB9E5, lx, in the order +X -X +Y -Y +Z -Z
-}                                 // 28
+    planes: array<u32, 2>,        // 28  one byte a direction, lowest first: where its surface lies
+}                                 // 36
 
 @group(0) @binding(0) var<uniform> volume_layout: VolumeLayout;
 @group(0) @binding(1) var<storage, read> volume_places: array<u32>;
@@ -45,14 +50,27 @@ fn place_of(voxel: vec3<i32>) -> u32 {
     return volume_places[u32(local.x + dims.x * (local.y + dims.y * local.z))];
 }
 
+// How much a value with plane `code` counts for a point `height` voxels above the low side of its voxel.
+fn nearness(code: u32, height: f32) -> f32 {
+    if code == 0u {
+        return 1.0;
+    }
+    let distance = (height - (f32(code) - 1.0) / PLANE_STEPS) / PLANE_REACH_VOXELS;
+    return 1.0 / (1.0 + distance * distance);
+}
+
 // rgb: irradiance, lx; a: 1 where there is light, else 0.
 fn lookup_irradiance(position: vec3<f32>, normal: vec3<f32>) -> vec4<f32> {
     let local = position / volume_layout.voxel_edge_m + NORMAL_OFFSET_VOXELS * normal - 0.5;
     let low = floor(local);
     let fraction = local - low;
+    // Of the surface itself, in voxels from the low corner of voxel `low`.
+    let surface = fraction + 0.5 - NORMAL_OFFSET_VOXELS * normal;
     // Light times weight, and weight, by direction.
     var surfaces = array<vec4<f32>, 6>();
     var airs = array<vec4<f32>, 6>();
+    // Without nearness.
+    var surface_weights = array<f32, 6>();
     for (var corner = 0u; corner < 8u; corner++) {
         let step = vec3<u32>(corner & 1u, (corner >> 1u) & 1u, corner >> 2u);
         let place = place_of(vec3<i32>(low) + vec3<i32>(step));
@@ -68,7 +86,10 @@ fn lookup_irradiance(position: vec3<f32>, normal: vec3<f32>) -> vec4<f32> {
                 if ((present >> (direction + 8u)) & 1u) == 1u {
                     airs[direction] += light;
                 } else {
-                    surfaces[direction] += light;
+                    let axis = direction / 2u;
+                    let code = (volume_blocks[place - 1u].planes[direction / 4u] >> (8u * (direction % 4u))) & 255u;
+                    surfaces[direction] += light * nearness(code, surface[axis] - f32(step[axis]));
+                    surface_weights[direction] += weight;
                 }
             }
         }
@@ -80,8 +101,11 @@ fn lookup_irradiance(position: vec3<f32>, normal: vec3<f32>) -> vec4<f32> {
         let air = airs[facing];
         let behind = airs[facing ^ 1u];
         // What surfaces leave to the air.
-        let room = max(0.0, 1.0 - surfaces[facing].w / SURFACE_WEIGHT);
-        let both = surfaces[facing] + room * air;
+        let room = max(0.0, 1.0 - surface_weights[facing] / SURFACE_WEIGHT);
+        var both = room * air;
+        if surfaces[facing].w > 0.0 {
+            both += surfaces[facing] * (surface_weights[facing] / surfaces[facing].w);
+        }
         if both.w <= WEIGHT_MIN {
             continue;
         }

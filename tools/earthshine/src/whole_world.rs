@@ -7,7 +7,7 @@ use anyhow::Context as _;
 use earthshine_light::{OccluderSet, Occluders, direct_irradiance};
 use earthshine_radiosity::gather::{GatherLimits, Sources, SparseRows, gather};
 use earthshine_tiles::{DirStore, Manifest, PatchBuilder, TileStore};
-use earthshine_volume::{Layout, Volume};
+use earthshine_volume::{Layout, Volume, plane};
 use earthshine_world::{Chunk, ChunkId, ChunkRows, Grid, LightRig, OccluderMesh, Patch, Rgb, Sky};
 use glam::IVec3;
 use rayon::prelude::*;
@@ -138,6 +138,8 @@ impl WholeWorld {
         for (index, patch) in self.patches().enumerate() {
             let (all, sky) = (light.irradiance[index], light.sky_irradiance[index]);
             volume.set_patch(patch.voxel, patch.direction.index(), all, sky, u8::MAX);
+            let plane = plane::encode(patch.plane_offset(edge));
+            volume.set_plane(patch.voxel, patch.direction.index(), plane);
         }
         let exitance = self.exitance(light);
         for chunk in &self.chunks {

@@ -154,6 +154,7 @@ fn delta() -> v1::Delta {
         frame: Some(frame()),
         time_s: 12.125,
         air: vec![0b000_100, 0, 0b100_000],
+        plane: vec![128, 0, 0],
     }
 }
 

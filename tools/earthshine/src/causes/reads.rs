@@ -3,7 +3,7 @@
 //! The lookup is linear in the light of a volume, so that a volume of the same patches with unit light on one of them
 //! answers with that patch's weight. The rule stands in `earthshine-volume` alone; nothing here repeats it.
 
-use earthshine_volume::{Volume, lookup};
+use earthshine_volume::{Volume, VoxelLight, lookup};
 use earthshine_world::{Grid, Vec3, VoxelCoord};
 use glam::IVec3;
 
@@ -87,12 +87,13 @@ impl Unlit {
 
     /// Puts unit light of kind `index` on one patch, or puts it out.
     fn light(&mut self, voxel: VoxelCoord, direction: usize, index: Option<usize>) {
-        let Some(quality) = self.volume.at(voxel).map(|light| light.quality[direction]) else { return };
+        let Some(&VoxelLight { quality, plane, .. }) = self.volume.at(voxel) else { return };
         let unit = |first: usize| match index {
             Some(index) if (first..first + 3).contains(&index) => Vec3::AXES[index - first],
             _ => Vec3::ZERO,
         };
-        self.volume.set_patch(voxel, direction, unit(0), unit(3), quality);
+        self.volume.set_patch(voxel, direction, unit(0), unit(3), quality[direction]);
+        self.volume.set_plane(voxel, direction, plane[direction]);
     }
 }
 
