@@ -11,8 +11,8 @@
 //! what others see of it.
 
 use crate::sample::SurfaceSample;
-use earthshine_trace::hemisphere::{cosine_direction, spread_pair};
 use earthshine_trace::SceneTracer;
+use earthshine_trace::hemisphere::{cosine_direction, spread_pair};
 use earthshine_world::random::{Purpose, hash, unit_pair};
 use earthshine_world::{Light, Vec3};
 use std::cell::{Cell, OnceCell};

@@ -5,7 +5,7 @@ use earthshine_tiles::BakeParameters;
 use xxhash_rust::xxh3::Xxh3Default;
 
 /// Raised when the same scene and parameters would give other bytes than before.
-const RECIPE: u32 = 2;
+const RECIPE: u32 = 3;
 
 /// Hash of the scene (geometry, materials, textures, lamps), the parameters and the recipe.
 #[must_use]

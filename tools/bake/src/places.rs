@@ -58,7 +58,9 @@ impl Places {
                 side_weights(*weights, place.normal)
                     .map(|(direction, weight)| (patches[direction.index()], weight))
             }
-            Self::Clusters(places) => [(places.owner(place), 1.0), (PatchSet::NONE, 0.0), (PatchSet::NONE, 0.0)],
+            Self::Clusters(places) => {
+                [(places.owner(place), 1.0), (PatchSet::NONE, 0.0), (PatchSet::NONE, 0.0)]
+            }
         }
     }
 }

@@ -3,10 +3,10 @@
 use crate::whole_world::{WholeLight, WholeWorld};
 use earthshine_bake::exposure::{NEAR_SHARE, NEAR_VOXELS};
 use earthshine_bake::sample::{side_weights, voxel_of};
+use earthshine_render::SceneTracer;
 use earthshine_render::path::{EmitterSampling, PathTracer};
 use earthshine_render::sampling::{PathStream, cosine_direction};
 use earthshine_render::tracer::{Vertex, off_surface};
-use earthshine_render::SceneTracer;
 use earthshine_tiles::BakeParameters;
 use earthshine_world::{LightRig, Patch, Rgb, SamplePoint, Vec3, VoxelCoord};
 use std::collections::HashMap;
