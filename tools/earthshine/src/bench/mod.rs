@@ -4,10 +4,12 @@
 
 use crate::output::out;
 mod accuracy;
+mod alias;
 mod bake;
 mod builders;
 mod estimators;
 mod far;
+mod lit_world;
 mod matrix;
 mod moving_sphere;
 mod reference;
@@ -29,6 +31,7 @@ use serde::Serialize;
   earthshine bench estimators --scene town --targets 0.04,0.02 --markdown
   earthshine bench sphere --scene sponza.glb --lights sponza.lights.json --way '-8,1.5,0; 6,3,0.5'
   earthshine bench matrix --swaps 10000 --json
+  earthshine bench alias --rows 4096 --items 1000 --plot alias-error
   earthshine bench far --scene sponza.glb --lights sponza.lights.json --voxel 1")]
 pub(crate) struct BenchArguments {
     #[command(subcommand)]
@@ -48,6 +51,8 @@ enum Suite {
     Sphere(moving_sphere::SphereArguments),
     /// Add and remove against a fresh solve; the time they take.
     Matrix(matrix::MatrixArguments),
+    /// Tables that rows are drawn from: build speed, exactness, error by number of draws.
+    Alias(alias::AliasArguments),
     /// Size and speed of a world's tiles.
     Tiles(tiles::TilesArguments),
     /// One scene by every way to make samples, patches and rows: error, patches, seconds, bytes.
@@ -119,6 +124,7 @@ pub(crate) fn run(arguments: &BenchArguments) -> anyhow::Result<()> {
         Suite::Reference(suite) => reference::run(suite, arguments.json),
         Suite::Sphere(suite) => moving_sphere::run(suite, arguments.json),
         Suite::Matrix(suite) => matrix::run(suite, arguments.json),
+        Suite::Alias(suite) => alias::run(suite, arguments.json),
         Suite::Tiles(suite) => tiles::run(suite, arguments.json),
         Suite::Builders(suite) => builders::run(suite, arguments.json),
         Suite::Estimators(suite) => estimators::run(suite, arguments.json),
