@@ -67,7 +67,7 @@ pub(crate) struct Greeting {
     pub(crate) protocol: u32,
     /// For the log.
     pub(crate) client_name: String,
-    /// Most voxels of the level 0 volume; `None` for the server's choice.
+    /// Which levels it has room for, and how many voxels of each.
     pub(crate) volumes_wanted: VolumesWanted,
 }
 

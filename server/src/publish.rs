@@ -9,6 +9,7 @@ use earthshine_engine::{EngineConfig, Frame, FrameQuality, PatchLight};
 use earthshine_protocol::DELTA_VOXELS_MAX;
 use earthshine_volume::{Layout, plane, rgb9e5};
 use glam::{IVec3, UVec3, Vec3};
+use std::sync::Arc;
 
 /// Emptied voxels that are remembered. Beyond it they are forgotten, and a client from before starts over.
 const EMPTIED_MAX: usize = 32_768;
@@ -119,6 +120,27 @@ pub(crate) struct Changes {
     pub(crate) caption: Caption,
 }
 
+/// A frame's light of one level.
+#[derive(Debug, Default)]
+struct Seen {
+    patches: Arc<[PatchLight]>,
+    air: Arc<[PatchLight]>,
+}
+
+impl Seen {
+    fn of(frame: &Frame, level: u8) -> Self {
+        // Light in the air is of level 0 alone.
+        let air = if level == 0 { Arc::clone(&frame.receivers) } else { Arc::default() };
+        Self { patches: frame.patches_of(level).cloned().unwrap_or_default(), air }
+    }
+
+    /// Whether both are the very lists of `other`.
+    fn is_same(&self, other: &Self) -> bool {
+        let is_same = |a: &Arc<[PatchLight]>, b: &Arc<[PatchLight]>| Arc::ptr_eq(a, b) || a.is_empty() && b.is_empty();
+        is_same(&self.patches, &other.patches) && is_same(&self.air, &other.air)
+    }
+}
+
 /// The newest light of one volume of one session.
 #[derive(Debug)]
 pub(crate) struct DeltaStore {
@@ -134,6 +156,8 @@ pub(crate) struct DeltaStore {
     /// Clients that hold less than this cannot be told what was emptied.
     answerable_from: u64,
     caption: Caption,
+    /// What was merged last. It keeps a frame's lists in memory, and their addresses its own.
+    seen: Seen,
 }
 
 impl DeltaStore {
@@ -150,6 +174,7 @@ impl DeltaStore {
             layout_generation: 0,
             answerable_from: 0,
             caption: Caption::default(),
+            seen: Seen::default(),
         }
     }
 
@@ -173,7 +198,10 @@ impl DeltaStore {
     pub(crate) fn absorb(&mut self, frame: &Frame, camera: Answered) -> bool {
         let next = self.generation + 1;
         let moved = self.follow(camera.position);
-        let changed = self.merge(frame, next);
+        let news = Seen::of(frame, self.layout.level);
+        // Lists that were seen are in `entries` already, unless the volume lies elsewhere now.
+        let changed = (moved || !news.is_same(&self.seen)) && self.merge(&news, next);
+        self.seen = news;
         let caption =
             Caption { camera_sequence: camera.sequence, quality: frame.quality, time_s: frame.time_s };
         // Time alone is no news, and what is said of the whole is said with level 0.
@@ -210,8 +238,8 @@ impl DeltaStore {
     }
 
     /// Merges the frame's voxels with what is held; whether any code changed.
-    fn merge(&mut self, frame: &Frame, next: u64) -> bool {
-        let fresh = self.codes_of(frame);
+    fn merge(&mut self, news: &Seen, next: u64) -> bool {
+        let fresh = self.codes_of(news);
         let layout = self.layout;
         // What a move left outside is gone without a word: the client drops it by itself.
         let mut held = std::mem::take(&mut self.entries)
@@ -251,12 +279,9 @@ impl DeltaStore {
     }
 
     /// The frame's light inside the volume, voxel by voxel, ascending by index.
-    fn codes_of(&self, frame: &Frame) -> Vec<(IVec3, VoxelCodes)> {
-        let patches = frame.patches_of(self.layout.level);
-        // Light in the air is of level 0 alone.
-        let air = if self.layout.level == 0 { &frame.receivers[..] } else { &[] };
-        let mut voxels: Vec<(IVec3, VoxelCodes)> = Vec::with_capacity(patches.len());
-        for (lights, is_air) in [(patches, false), (air, true)] {
+    fn codes_of(&self, news: &Seen) -> Vec<(IVec3, VoxelCodes)> {
+        let mut voxels: Vec<(IVec3, VoxelCodes)> = Vec::with_capacity(news.patches.len());
+        for (lights, is_air) in [(&news.patches, false), (&news.air, true)] {
             for group in lights.chunk_by(|a, b| a.voxel == b.voxel) {
                 if self.layout.index_of(group[0].voxel).is_some() {
                     let mut codes = VoxelCodes::EMPTY;

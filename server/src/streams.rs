@@ -127,7 +127,7 @@ mod tests {
     }
 
     fn published(light: f32) -> Published {
-        let patches = vec![PatchLight {
+        let patches: Arc<[PatchLight]> = Arc::new([PatchLight {
             voxel: VoxelCoord::ZERO,
             direction: Direction::PosY,
             irradiance: Rgb::splat(light),
@@ -136,16 +136,16 @@ mod tests {
             known_share: 1.0,
             far_share: 0.0,
             fed_share: 0.0,
-        }];
-        let coarse = |level| LevelLight { level, voxel_edge_m: 0.5, patches: patches.clone() };
+        }]);
+        let coarse = |level| LevelLight { level, patches: Arc::clone(&patches) };
         let frame = Frame {
             session: SessionId(1),
             number: 1,
             time_s: 0.0,
             voxel_edge_m: 0.5,
-            receivers: Vec::new(),
+            receivers: Arc::default(),
             coarse: vec![coarse(1), coarse(2)],
-            patches: patches.clone(),
+            patches: Arc::clone(&patches),
             quality: FrameQuality::default(),
         };
         let camera = Answered { sequence: 1, position: Vec3::ZERO };

@@ -17,6 +17,9 @@ use std::sync::Arc;
 /// A receiver that rests on less than this share of its row says nothing: half of a room is not its light.
 const KNOWN_SHARE_MIN: f32 = 0.5;
 
+/// How far the focus moves before other voxels are chosen, in voxels.
+const STEP_VOXELS: f32 = 0.5;
+
 /// The receivers of one voxel.
 #[derive(Debug)]
 struct AirVoxel {
@@ -43,9 +46,14 @@ pub(crate) struct AirSet {
     /// Counts changes of the patches' light.
     generation: u64,
     stale: usize,
+    /// Whether [`Self::lights`] may have changed after it was asked about.
+    has_news: bool,
+    /// Where the voxels were chosen from: the focus, and the chunks.
+    planned: Option<(Vec3, Vec<Arc<Chunk>>)>,
 }
 
-struct Near {
+struct Near<'a> {
+    chunk: &'a Arc<Chunk>,
     /// Squared distance as bits: they order like the number, which is never negative.
     distance: u32,
     key: AirKey,
@@ -55,29 +63,45 @@ struct Near {
 
 impl AirSet {
     /// Chooses the `voxels_max` nearest voxels with receivers of `chunks` (wanted, in memory). What stays keeps its light.
-    /// Returns whether any light was dropped.
+    ///
+    /// It follows the focus in steps of [`STEP_VOXELS`]: in between nothing is done.
     pub(crate) fn replan(
         &mut self,
         focus: Vec3,
-        chunks: &[ChunkId],
+        chunks: &[&Arc<Chunk>],
         table: &ChunkTable,
         voxels_max: usize,
-    ) -> bool {
+    ) {
+        let step_m = STEP_VOXELS * table.levels()[0].grid.voxel_edge_m;
+        let is_same = |planned: &[Arc<Chunk>]| {
+            planned.len() == chunks.len() && planned.iter().zip(chunks).all(|(a, b)| Arc::ptr_eq(a, b))
+        };
+        let is_good = |(at, from): &(Vec3, Vec<Arc<Chunk>>)| at.distance(focus) < step_m && is_same(from);
+        if self.planned.as_ref().is_some_and(is_good) {
+            return;
+        }
+        self.planned = Some((focus, chunks.iter().map(|&chunk| Arc::clone(chunk)).collect()));
         let mut near = nearest(focus, chunks, table, voxels_max);
         near.sort_unstable_by_key(|candidate| (candidate.distance, candidate.key));
         let mut before = std::mem::take(&mut self.voxels);
         for candidate in &near {
-            let chunk = table.chunk(candidate.key.0).expect("a wanted chunk keeps its tile");
-            let kept = before.remove(&candidate.key).filter(|kept| Arc::ptr_eq(&kept.chunk, chunk));
+            let kept =
+                before.remove(&candidate.key).filter(|kept| Arc::ptr_eq(&kept.chunk, candidate.chunk));
             let rows = candidate.key.1..candidate.end;
-            let fresh = || AirVoxel { chunk: Arc::clone(chunk), rows, lit: 0, lights: Vec::new() };
+            let chunk = || Arc::clone(candidate.chunk);
+            let fresh = || AirVoxel { chunk: chunk(), rows, lit: 0, lights: Vec::new() };
             self.voxels.insert(candidate.key, kept.unwrap_or_else(fresh));
         }
         self.nearest_first = near.iter().map(|candidate| candidate.key).collect();
         near.sort_unstable_by_key(|candidate| candidate.voxel.to_array());
         self.by_place = near.iter().map(|candidate| candidate.key).collect();
         self.stale = self.stale_now();
-        !before.is_empty()
+        self.has_news |= before.values().any(|gone| !gone.lights.is_empty());
+    }
+
+    /// Whether its light may have changed since this was asked before.
+    pub(crate) fn take_news(&mut self) -> bool {
+        std::mem::take(&mut self.has_news)
     }
 
     /// The patches' light has changed.
@@ -88,7 +112,7 @@ impl AirSet {
 
     /// Forgets all light: the patches it rests on are gone.
     pub(crate) fn clear(&mut self) {
-        *self = Self { generation: self.generation, ..Self::default() };
+        *self = Self { generation: self.generation, has_news: true, ..Self::default() };
     }
 
     /// Voxels whose light is out of date.
@@ -123,8 +147,10 @@ impl AirSet {
             let chunk = &voxel.chunk;
             let segments =
                 segments.entry(chunk.id).or_insert_with(|| local.segment_slots(&chunk.receivers.rows));
-            let lights = voxel.rows.clone().map(|row| gathered(chunk, row, segments, &exitance, rig));
-            voxel.lights = lights.filter(|light| light.known_share >= KNOWN_SHARE_MIN).collect();
+            let lights: Vec<_> =
+                voxel.rows.clone().filter_map(|row| gathered(chunk, row, segments, &exitance, rig)).collect();
+            self.has_news |= lights != voxel.lights;
+            voxel.lights = lights;
             voxel.lit = self.generation;
             spent = spent.saturating_add(cost);
             self.stale -= 1;
@@ -149,24 +175,29 @@ impl AirSet {
 }
 
 /// The nearest voxels with receivers, in no order; chunks that lie too far away are not looked into.
-fn nearest(focus: Vec3, chunks: &[ChunkId], table: &ChunkTable, voxels_max: usize) -> Vec<Near> {
-    let mut by_distance: Vec<(u32, ChunkId)> = chunks
+fn nearest<'a>(
+    focus: Vec3,
+    chunks: &[&'a Arc<Chunk>],
+    table: &ChunkTable,
+    voxels_max: usize,
+) -> Vec<Near<'a>> {
+    let grid = &table.levels()[0].grid;
+    let mut by_distance: Vec<(u32, &Arc<Chunk>)> = chunks
         .iter()
-        .filter_map(|&id| Some((table.get(id)?.bounds.distance(focus).powi(2).to_bits(), id)))
+        .map(|&chunk| (grid.chunk_bounds(chunk.id.coord).distance(focus).powi(2).to_bits(), chunk))
         .collect();
-    by_distance.sort_unstable();
-    let mut near: Vec<Near> = Vec::new();
+    by_distance.sort_unstable_by_key(|&(distance, chunk)| (distance, chunk.id));
+    let mut near: Vec<Near<'_>> = Vec::new();
     let mut farthest = u32::MAX;
-    for (distance, id) in by_distance {
+    for (distance, chunk) in by_distance {
         if distance > farthest || voxels_max == 0 {
             break;
         }
-        let chunk = table.chunk(id).expect("a wanted chunk keeps its tile");
         let mut first = 0;
         for run in chunk.receivers.places.chunk_by(|a, b| a.voxel == b.voxel) {
             let voxel = run[0].voxel;
-            let distance = table.levels()[0].grid.voxel_centre(voxel).distance_squared(focus).to_bits();
-            near.push(Near { distance, key: (id, first), end: first + run.len(), voxel });
+            let distance = grid.voxel_centre(voxel).distance_squared(focus).to_bits();
+            near.push(Near { chunk, distance, key: (chunk.id, first), end: first + run.len(), voxel });
             first += run.len();
         }
         if near.len() > voxels_max {
@@ -178,9 +209,19 @@ fn nearest(focus: Vec3, chunks: &[ChunkId], table: &ChunkTable, voxels_max: usiz
     near
 }
 
-/// Light of the receiver in row `row`; `exitance` is by slot, lm/m2.
-fn gathered(chunk: &Chunk, row: usize, segments: &[&[u32]], exitance: &[Rgb], rig: &LightRig) -> PatchLight {
+/// Light of the receiver in row `row`, if it knows enough; `exitance` is by slot, lm/m2.
+fn gathered(
+    chunk: &Chunk,
+    row: usize,
+    segments: &[&[u32]],
+    exitance: &[Rgb],
+    rig: &LightRig,
+) -> Option<PatchLight> {
     let rows = &chunk.receivers.rows;
+    let parts = split_row(segments, rows, row);
+    if parts.known() < KNOWN_SHARE_MIN {
+        return None;
+    }
     let mut irradiance = Rgb::ZERO;
     visit_row(segments, rows, row, |slot, share| {
         if slot != FREE {
@@ -188,19 +229,18 @@ fn gathered(chunk: &Chunk, row: usize, segments: &[&[u32]], exitance: &[Rgb], ri
         }
     });
     let sky = rig.sky.irradiance(&rows.sky_shares[row]);
-    let parts = split_row(segments, rows, row);
     let place = chunk.receivers.places[row];
-    PatchLight {
+    Some(PatchLight {
         voxel: place.voxel,
         direction: place.direction,
         irradiance: finite(irradiance + sky),
         sky_irradiance: finite(sky),
         plane_offset: None,
-        known_share: (parts.resident + parts.sky + parts.absorbed).clamp(0.0, 1.0),
+        known_share: parts.known(),
         far_share: parts.far.clamp(0.0, 1.0),
         // Far columns of receivers are a gap, for now.
         fed_share: 0.0,
-    }
+    })
 }
 
 /// Light that an `f32` cannot carry is as bright as it can be.

@@ -1,5 +1,12 @@
 //! What one tick may spend, and how sessions share it.
 
+/// How one of those who wait counts among all who still do, itself included.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Weight {
+    pub(crate) own: u64,
+    pub(crate) waiting: u64,
+}
+
 /// What is left of one kind of work in this tick.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Budget {
@@ -12,9 +19,10 @@ impl Budget {
         Self { left: most }
     }
 
-    /// An even share for the first of `waiting` sessions, rounded up: what it leaves goes to the others.
-    pub(crate) fn share(self, waiting: usize) -> u32 {
-        self.left.div_ceil(u32::try_from(waiting.max(1)).unwrap_or(u32::MAX))
+    /// The share of whoever's turn it is, rounded up: what it leaves goes to the others.
+    pub(crate) fn share(self, weight: Weight) -> u32 {
+        let share = (u64::from(self.left) * weight.own).div_ceil(weight.waiting.max(1));
+        u32::try_from(share).unwrap_or(u32::MAX).min(self.left)
     }
 
     /// Takes `amount`; the last piece of work may go beyond what is left.
@@ -39,18 +47,25 @@ mod tests {
 
     #[test]
     fn shares_add_up_to_the_budget() {
-        for (most, waiting) in [(10, 3), (1, 4), (7, 7), (100, 1)] {
+        for (most, parts) in [(10, vec![1, 1, 1]), (1, vec![1; 4]), (7, vec![1; 7]), (100, vec![1]), (32, vec![1, 1, 4])] {
             let mut budget = Budget::new(most);
-            let total: u32 = (1..=waiting)
-                .rev()
-                .map(|left| {
-                    let share = budget.share(left);
-                    budget.spend(share);
-                    share
-                })
-                .sum();
-            assert_eq!((total, budget.share(1)), (most, 0));
+            let mut waiting: u64 = parts.iter().sum();
+            let mut total = 0;
+            for own in parts {
+                let share = budget.share(Weight { own, waiting });
+                budget.spend(share);
+                waiting -= own;
+                total += share;
+            }
+            assert_eq!((total, budget.share(Weight { own: 1, waiting: 1 })), (most, 0));
         }
+    }
+
+    #[test]
+    fn who_counts_more_gets_more() {
+        let budget = Budget::new(30);
+        assert_eq!(budget.share(Weight { own: 1, waiting: 6 }), 5);
+        assert_eq!(budget.share(Weight { own: 4, waiting: 6 }), 20);
     }
 
     #[test]

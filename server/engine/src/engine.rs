@@ -1,13 +1,14 @@
 //! The engine: events in, one tick's work in a fixed order, commands out. Start at [`Engine::tick`].
 
-use crate::budget::{Budget, rotated};
+use crate::budget::{Budget, Weight, rotated};
 use crate::chunks::{ChunkTable, Failure};
 use crate::config::EngineConfig;
 use crate::error::EngineError;
 use crate::local_set::LocalSet;
 use crate::residency::ChunkState;
 use crate::schedule::{next_requests, wanted_chunks};
-use crate::session::{Session, SwapBudget, WantedChunk};
+use crate::level_view::{LevelView, Swaps, WantedChunk};
+use crate::session::Session;
 use crate::stats::{Counters, EngineStats, TickStats};
 use crate::{Command, Event, SessionId};
 use earthshine_light::Occluders;
@@ -28,7 +29,7 @@ pub struct Engine {
     world_lights: LightRig,
     pub(crate) chunks: ChunkTable,
     pub(crate) sessions: BTreeMap<SessionId, Session>,
-    /// Chunks wanted by any session, nearest first.
+    /// Chunks wanted by any session, most urgent first.
     wanted: Vec<ChunkId>,
     are_wants_old: bool,
     now_s: f64,
@@ -164,8 +165,8 @@ impl Engine {
         if is_full || self.sessions.contains_key(&id) {
             self.counters.ignored.sessions += 1;
         } else {
-            let coarser = &self.chunks.levels()[1..];
-            self.sessions.insert(id, Session::new(id, 0, self.world_lights.clone(), coarser));
+            let session = Session::new(id, self.world_lights.clone(), self.chunks.levels());
+            self.sessions.insert(id, session);
         }
     }
 
@@ -227,9 +228,9 @@ impl Engine {
     fn build_backends(&mut self) {
         let levels = self.chunks.levels();
         for session in self.sessions.values_mut() {
-            let is_due = session.focus.is_some() && session.backend_retry_at_s <= self.now_s;
+            let is_due = session.outlook.is_some() && session.backend_retry_at_s <= self.now_s;
             for plan in levels.iter().rev().filter(|_| is_due) {
-                let view = session.view_mut(plan.level);
+                let view = &mut session.views[usize::from(plan.level)];
                 if view.local.is_some() {
                     continue;
                 }
@@ -249,13 +250,13 @@ impl Engine {
 
     /// Decides which chunks are wanted, lets the others go and tells the sessions.
     fn plan_chunks(&mut self, commands: &mut Vec<Command>) {
-        let focuses = self
+        let outlooks = self
             .sessions
             .iter()
-            .filter_map(|(&id, session)| Some((id, session.focus?)))
+            .filter_map(|(&id, session)| Some((id, session.outlook?)))
             .collect::<BTreeMap<_, _>>();
-        let wants = wanted_chunks(&focuses, &self.chunks, &self.config);
-        let mut keep = wants.nearest_first.clone();
+        let wants = wanted_chunks(&outlooks, &self.chunks, &self.config);
+        let mut keep = wants.most_urgent_first.clone();
         keep.sort_unstable();
         let unwanted: Vec<_> =
             self.chunks.iter().map(|(id, _)| id).filter(|id| keep.binary_search(id).is_err()).collect();
@@ -277,7 +278,7 @@ impl Engine {
                 session.set_chunks(own.collect());
             }
         }
-        self.wanted = wants.nearest_first;
+        self.wanted = wants.most_urgent_first;
     }
 
     fn request_tiles(&mut self, commands: &mut Vec<Command>) {
@@ -292,44 +293,58 @@ impl Engine {
     fn swap_patches(&mut self) -> Budget {
         // New patches are lit as they come, for half of the budget: the other half follows moving lights.
         let mut for_light = Budget::new(self.config.shadow_points_per_tick_max);
-        let for_new_patches = self.config.shadow_points_per_tick_max.div_ceil(2);
-        let mut budget = SwapBudget {
-            adds: Budget::new(self.config.adds_per_tick_max),
-            removals: Budget::new(self.config.removals_per_tick_max),
-            shadow_points: Budget::new(for_new_patches),
-        };
-        let waiting = self.views_where(Session::wants_swaps);
-        let rays_before = self.counters.rays;
-        for (served, (id, level)) in rotated(&waiting, self.counters.ticks).into_iter().enumerate() {
+        let mut adds = Budget::new(self.config.adds_per_tick_max);
+        let mut removals = Budget::new(self.config.removals_per_tick_max);
+        let mut shadow_points = Budget::new(self.config.shadow_points_per_tick_max.div_ceil(2));
+        let tick = self.counters.ticks;
+        let waiting = self.views_where(|_, view| view.wants_swaps());
+        for ((id, level), weight) in with_weights(&waiting) {
             let session = self.sessions.get_mut(&id).expect("waiting sessions are open");
-            let tick = self.counters.ticks;
-            let waiting = waiting.len() - served;
-            let view = session.view_mut(level);
-            let swapped = view.swap(&mut self.chunks, &mut budget, waiting, tick, &mut self.counters);
-            if let Err(error) = swapped {
-                self.lose_backend(id, &error);
+            let most = Swaps {
+                adds: adds.share(weight),
+                removals: removals.share(weight),
+                shadow_points: shadow_points.share(weight),
+            };
+            let view = &mut session.views[usize::from(level)];
+            match view.swap(&mut self.chunks, &session.lighting, most, tick, &mut self.counters) {
+                Ok(done) => {
+                    adds.spend(done.adds);
+                    removals.spend(done.removals);
+                    shadow_points.spend(done.shadow_points);
+                    for_light.spend(done.shadow_points);
+                }
+                Err(error) => self.lose_backend(id, &error),
             }
         }
-        for_light.spend(u32::try_from(self.counters.rays - rays_before).unwrap_or(u32::MAX));
         for_light
     }
 
-    /// Lights what is out of date, each session for its share of `budget`.
+    /// Lights what is out of date, each view for its share of `budget`.
     fn refresh_direct(&mut self, mut budget: Budget) {
-        let waiting = self.views_where(|view| view.stale_count(&self.chunks) > 0);
+        let chunks = &self.chunks;
+        let waiting = self.views_where(|session, view| view.stale_count(chunks, &session.lighting) > 0);
         let tick = self.counters.ticks;
-        for (served, (id, level)) in rotated(&waiting, tick).into_iter().enumerate() {
+        for ((id, level), weight) in with_weights(&waiting) {
             let session = self.sessions.get_mut(&id).expect("waiting sessions are open");
-            let share = budget.share(waiting.len() - served);
-            let view = session.view_mut(level);
-            budget.spend(view.refresh_direct(&self.chunks, share, tick, &mut self.counters));
+            let view = &mut session.views[usize::from(level)];
+            let (most, lighting) = (budget.share(weight), &session.lighting);
+            budget.spend(view.refresh_direct(&self.chunks, lighting, most, tick, &mut self.counters));
         }
     }
 
-    /// Every view that `waits`, by session, then level.
-    fn views_where(&self, waits: impl Fn(&Session) -> bool) -> Vec<(SessionId, u8)> {
-        let views = self.sessions.values().flat_map(Session::views);
-        views.filter(|view| waits(view)).map(|view| (view.id, view.level)).collect()
+    /// Every view that `waits`: coarse levels first, which leave what they do not need to level 0; among those another session
+    /// is first each tick, so that none starves.
+    fn views_where(&self, waits: impl Fn(&Session, &LevelView) -> bool) -> Vec<(SessionId, u8)> {
+        let sessions: Vec<_> = self.sessions.values().collect();
+        let sessions = rotated(&sessions, self.counters.ticks);
+        let mut found = Vec::new();
+        for is_coarse in [true, false] {
+            for &session in &sessions {
+                let views = session.views.iter().filter(|view| (view.level > 0) == is_coarse);
+                found.extend(views.filter(|view| waits(session, view)).map(|view| (session.id, view.level)));
+            }
+        }
+        found
     }
 
     /// Advances the light of every session and publishes what is new. Returns whether all are settled.
@@ -348,11 +363,12 @@ impl Engine {
             if lost.iter().any(|&(lost, _)| lost == id) {
                 continue;
             }
-            if let Some(frame) = session.next_frame(&self.chunks, self.now_s) {
+            let quality = session.quality(&self.chunks);
+            if let Some(frame) = session.next_frame(&self.chunks, quality, self.now_s) {
                 self.counters.frames += 1;
                 commands.push(Command::PublishFrame { frame });
             }
-            settled &= session.focus.is_none() || session.quality(&self.chunks).settled;
+            settled &= session.outlook.is_none() || quality.settled;
         }
         for (id, error) in lost {
             self.lose_backend(id, &error);
@@ -371,7 +387,8 @@ impl Engine {
             .collect();
         for (served, id) in rotated(&waiting, self.counters.ticks).into_iter().enumerate() {
             let session = self.sessions.get_mut(&id).expect("waiting sessions are open");
-            let spent = session.gather_air(budget.share(waiting.len() - served));
+            let weight = Weight { own: 1, waiting: waiting.len() as u64 - served as u64 };
+            let spent = session.gather_air(budget.share(weight));
             budget.spend(spent);
             self.counters.receiver_rows += u64::from(spent);
         }
@@ -386,4 +403,19 @@ impl Engine {
             session.backend_retry_at_s = self.now_s + self.config.retry_after_s;
         }
     }
+}
+
+/// Parts of a budget that a view of level 0 gets, to one of a coarse view: level 0 is what is promised.
+const FINEST_PARTS: u64 = 4;
+
+/// Views in the order given, each with its part of what is left when its turn comes.
+fn with_weights(waiting: &[(SessionId, u8)]) -> Vec<((SessionId, u8), Weight)> {
+    let parts = |level: u8| if level == 0 { FINEST_PARTS } else { 1 };
+    let mut left: u64 = waiting.iter().map(|&(_, level)| parts(level)).sum();
+    let weigh = |&(id, level): &(SessionId, u8)| {
+        let weight = Weight { own: parts(level), waiting: left };
+        left -= weight.own;
+        ((id, level), weight)
+    };
+    waiting.iter().map(weigh).collect()
 }

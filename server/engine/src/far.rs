@@ -5,9 +5,9 @@
 //! brings no light, is counted, and is never given to the sky. Coupling goes one way, coarse to fine.
 
 use crate::local_set::LocalSet;
-use crate::slots::{FREE, SlotTable};
+use crate::slots::{FREE, SlotTable, parts_of_row};
 use earthshine_world::lineage::{Lineage, Parents};
-use earthshine_world::{Chunk, ChunkId, PatchId, Rgb};
+use earthshine_world::{Chunk, ChunkId, Rgb, RowParts, Vec4};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -36,8 +36,8 @@ struct Block {
     /// Segments of slot tables that use it.
     users: u32,
     lineage: Arc<Lineage>,
-    /// What each parent sends, and the gathering that found it.
-    sent: Vec<(u64, Option<Rgb>)>,
+    /// One past the highest parent in use.
+    parent_count: usize,
 }
 
 /// The parents of one local set.
@@ -46,7 +46,11 @@ pub(crate) struct FarField {
     blocks: Vec<Option<Block>>,
     free: BTreeSet<u32>,
     by_chunk: BTreeMap<ChunkId, u32>,
-    gathering: u64,
+    /// Where the parents of each block begin in a list of all parents.
+    starts: Vec<u32>,
+    /// Scratch of [`Self::split`]: sums by parent, zero between calls, and which are not.
+    sums: Vec<f64>,
+    summed: Vec<(u32, u16)>,
 }
 
 impl FarField {
@@ -55,20 +59,22 @@ impl FarField {
         let segment = |&id: &ChunkId| {
             let parents = Arc::clone(lineage.of(id)?);
             let parent_count = parents.iter().max().map_or(0, |&last| usize::from(last) + 1);
-            let block = self.block_of(id.parent(), lineage);
-            let entry = self.blocks[block as usize].as_mut().expect("a block in the index is there");
-            entry.users += 1;
-            entry.sent.resize(entry.sent.len().max(parent_count), (0, None));
-            Some(FarSegment { block, parents })
+            let at = self.block_of(id.parent(), lineage);
+            let block = self.blocks[at as usize].as_mut().expect("a block in the index is there");
+            block.users += 1;
+            block.parent_count = block.parent_count.max(parent_count);
+            Some(FarSegment { block: at, parents })
         };
-        chunk.rows.segments.iter().map(segment).collect()
+        let segments = chunk.rows.segments.iter().map(segment).collect();
+        self.number_parents();
+        segments
     }
 
     fn block_of(&mut self, chunk: ChunkId, lineage: &Arc<Lineage>) -> u32 {
         if let Some(&block) = self.by_chunk.get(&chunk) {
             return block;
         }
-        let fresh = Some(Block { chunk, users: 0, lineage: Arc::clone(lineage), sent: Vec::new() });
+        let fresh = Some(Block { chunk, users: 0, lineage: Arc::clone(lineage), parent_count: 0 });
         let block = match self.free.pop_first() {
             Some(block) => {
                 self.blocks[block as usize] = fresh;
@@ -95,6 +101,17 @@ impl FarField {
                 self.free.insert(segment.block);
             }
         }
+        self.number_parents();
+    }
+
+    fn number_parents(&mut self) {
+        let mut next = 0usize;
+        self.starts.clear();
+        for block in &self.blocks {
+            self.starts.push(u32::try_from(next).expect("fewer parents than patches in memory see"));
+            next += block.as_ref().map_or(0, |block| block.parent_count);
+        }
+        self.sums.resize(next, 0.0);
     }
 
     /// Users of all blocks: the segments with parents of all tables.
@@ -102,85 +119,105 @@ impl FarField {
         self.blocks.iter().flatten().map(|block| block.users).sum()
     }
 
-    /// A new gathering: what parents send has to be looked up again.
-    fn begin(&mut self) {
-        self.gathering += 1;
+    /// How row `local` of `table`'s chunk splits, and its far columns by parent, in the order in which the row names them
+    /// first. Columns without a known parent are far, and nobody's.
+    pub(crate) fn split(
+        &mut self,
+        table: &SlotTable,
+        segments: &[&[u32]],
+        local: usize,
+    ) -> (RowParts, Vec<FarShare>) {
+        let rows = &table.chunk.rows;
+        let (mut resident, mut far) = (0.0f64, 0.0f64);
+        for (column, share) in rows.row(local) {
+            let (segment, place) = (usize::from(column.segment), usize::from(column.local));
+            let share = f64::from(share);
+            if segments[segment].get(place).is_some_and(|&slot| slot != FREE) {
+                resident += share;
+                continue;
+            }
+            far += share;
+            let Some(FarSegment { block, parents }) = &table.far_segments[segment] else { continue };
+            let Some(&parent) = parents.get(place).filter(|_| share > 0.0) else { continue };
+            let sum = &mut self.sums[self.starts[*block as usize] as usize + usize::from(parent)];
+            if *sum == 0.0 {
+                self.summed.push((*block, parent));
+            }
+            *sum += share;
+        }
+        let shares = self.summed.drain(..).map(|(block, parent)| {
+            let at = self.starts[block as usize] as usize + usize::from(parent);
+            FarShare { block, parent, share: std::mem::take(&mut self.sums[at]) as f32 }
+        });
+        let shares = shares.collect();
+        (parts_of_row(rows, local, resident, far), shares)
     }
 
-    fn sent(&mut self, far: &FarShare, coarser: &[&LocalSet]) -> Option<Rgb> {
-        let block = self.blocks[far.block as usize].as_mut().expect("a used block is there");
-        let (found_in, sent) = &mut block.sent[usize::from(far.parent)];
-        if *found_in != self.gathering {
-            *found_in = self.gathering;
-            *sent = exitance(PatchId { chunk: block.chunk, local: far.parent }, &block.lineage, coarser);
+    /// What each parent sends (red, green, blue, and one if that is known, else all zero), in the list of all parents.
+    fn sent(&self, coarser: &[Option<&LocalSet>]) -> Vec<Vec4> {
+        let exitances: Vec<Vec<Rgb>> =
+            coarser.iter().map(|view| view.map(LocalSet::exitances).unwrap_or_default()).collect();
+        let mut sent = Vec::with_capacity(self.sums.len());
+        for block in self.blocks.iter().flatten() {
+            let ancestry = Ancestry::of(block, coarser, &exitances);
+            sent.extend((0..block.parent_count).map(|parent| {
+                ancestry.exitance(parent).map_or(Vec4::ZERO, |exitance| exitance.extend(1.0))
+            }));
         }
-        *sent
+        sent
     }
 }
 
-/// What leaves `patch`, or the nearest of its ancestors that one of `coarser` (finest first, from the patch's level on) holds.
-fn exitance(mut patch: PatchId, lineage: &Lineage, coarser: &[&LocalSet]) -> Option<Rgb> {
-    for (step, view) in coarser.iter().enumerate() {
-        if step > 0 {
-            patch = lineage.parent(patch)?;
-        }
-        if let Some(slot) = view.slot_of(patch) {
-            let resident = view.resident(slot);
-            return Some(resident.light.exitance(&resident.patch));
-        }
-    }
-    None
+/// One level above a block: whose slots its patches hold, and who their parents are.
+struct Generation<'a> {
+    slots: &'a [u32],
+    exitances: &'a [Rgb],
+    parents: Option<&'a Parents>,
 }
 
-/// The far columns of row `local` of `table`'s chunk by parent, ascending. What has no known parent is left out.
-pub(crate) fn far_shares(table: &SlotTable, segments: &[&[u32]], local: usize) -> Vec<FarShare> {
-    let mut found: Vec<(u64, f64)> = Vec::new();
-    for (column, share) in table.chunk.rows.row(local) {
-        let place = usize::from(column.local);
-        if segments[usize::from(column.segment)].get(place).is_some_and(|&slot| slot != FREE) {
-            continue;
+/// The levels from a block's own on, finest first.
+struct Ancestry<'a>(Vec<Generation<'a>>);
+
+impl<'a> Ancestry<'a> {
+    fn of(block: &'a Block, coarser: &[Option<&'a LocalSet>], exitances: &'a [Vec<Rgb>]) -> Self {
+        let mut chunk = block.chunk;
+        let mut generations = Vec::with_capacity(coarser.len());
+        for (view, exitances) in coarser.iter().zip(exitances) {
+            let table = view.and_then(|view| view.slots_of(chunk));
+            let slots = table.map_or(&[][..], SlotTable::slots);
+            generations.push(Generation { slots, exitances, parents: block.lineage.of(chunk) });
+            chunk = chunk.parent();
         }
-        let Some(segment) = &table.far_segments[usize::from(column.segment)] else { continue };
-        let Some(&parent) = segment.parents.get(place) else { continue };
-        let key = u64::from(segment.block) << 16 | u64::from(parent);
-        match found.last_mut() {
-            Some((last, sum)) if *last == key => *sum += f64::from(share),
-            _ => found.push((key, f64::from(share))),
-        }
+        Self(generations)
     }
-    // Stable: equal keys are summed in the row's order.
-    found.sort_by_key(|&(key, _)| key);
-    found
-        .chunk_by(|a, b| a.0 == b.0)
-        .map(|run| FarShare {
-            block: (run[0].0 >> 16) as u32,
-            parent: (run[0].0 & 0xFFFF) as u16,
-            share: run.iter().map(|&(_, share)| share).sum::<f64>() as f32,
-        })
-        .collect()
+
+    /// What leaves patch `local` of the block, or the nearest of its ancestors that a view holds.
+    fn exitance(&self, mut local: usize) -> Option<Rgb> {
+        for generation in &self.0 {
+            if let Some(&slot) = generation.slots.get(local).filter(|&&slot| slot != FREE) {
+                return Some(generation.exitances[slot as usize]);
+            }
+            local = usize::from(*generation.parents?.get(local)?);
+        }
+        None
+    }
 }
 
-/// Gathers far light of every slot of `local` from `coarser` views, finest first. Returns whether any changed.
-pub(crate) fn gather(local: &mut LocalSet, coarser: &[&LocalSet]) -> bool {
-    let Some(mut field) = local.far.take() else { return false };
-    field.begin();
+/// Gathers far light of every slot of `local` from the views above it, finest first, one a level; a level that has no
+/// local set for now is passed over. Returns whether any changed.
+pub(crate) fn gather(local: &mut LocalSet, coarser: &[Option<&LocalSet>]) -> bool {
+    let Some(field) = &local.far else { return false };
+    let sent = field.sent(coarser);
     let mut changed = false;
     for resident in local.residents.iter_mut().flatten() {
-        let (mut light, mut fed) = ([0.0f64; 3], 0.0f64);
+        // Some hundred products of one sign: `f32` is enough.
+        let mut sum = Vec4::ZERO;
         for far in &resident.far {
-            if let Some(sent) = field.sent(far, coarser) {
-                let share = f64::from(far.share);
-                fed += share;
-                for (sum, sent) in light.iter_mut().zip(sent.to_array()) {
-                    *sum += share * f64::from(sent);
-                }
-            }
+            sum += far.share * sent[field.starts[far.block as usize] as usize + usize::from(far.parent)];
         }
-        let light = Rgb::from_array(light.map(|sum| sum as f32));
-        changed |= (light, fed as f32) != (resident.light.far_irradiance, resident.fed_share);
-        resident.light.far_irradiance = light;
-        resident.fed_share = fed as f32;
+        changed |= (sum.truncate(), sum.w) != (resident.light.far_irradiance, resident.fed_share);
+        resident.light.far_irradiance = sum.truncate();
+        resident.fed_share = sum.w;
     }
-    local.far = Some(field);
     changed
 }

@@ -2,6 +2,7 @@
 
 use crate::SessionId;
 use earthshine_world::{Direction, Rgb, VoxelCoord};
+use std::sync::Arc;
 
 /// Light on one patch or receiver, and how good it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,10 +31,8 @@ pub struct PatchLight {
 pub struct LevelLight {
     /// 1 or more.
     pub level: u8,
-    /// Edge of its voxels, m.
-    pub voxel_edge_m: f32,
     /// Every resident patch, ascending by voxel (x, y, z), then direction.
-    pub patches: Vec<PatchLight>,
+    pub patches: Arc<[PatchLight]>,
 }
 
 /// How complete a frame is.
@@ -49,7 +48,8 @@ pub struct FrameQuality {
     pub settled: bool,
 }
 
-/// One session's light, whole.
+/// One session's light, whole. Lists that are equal to those of the session's frame before are the same allocation: who
+/// has seen one need not look again.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
     /// Whose.
@@ -61,9 +61,9 @@ pub struct Frame {
     /// Edge of the voxels below, m.
     pub voxel_edge_m: f32,
     /// Every resident patch of level 0, ascending by voxel (x, y, z), then direction.
-    pub patches: Vec<PatchLight>,
+    pub patches: Arc<[PatchLight]>,
     /// Light in empty air near the camera: receivers, ascending like `patches`. None is where a patch is resident.
-    pub receivers: Vec<PatchLight>,
+    pub receivers: Arc<[PatchLight]>,
     /// The coarser levels, finer first; what is beyond them has no light.
     pub coarse: Vec<LevelLight>,
     /// How complete it is.
@@ -71,13 +71,12 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// Every resident patch of `level`; none where there is no such level.
+    /// Every resident patch of `level`; nothing where there is no such level.
     #[must_use]
-    pub fn patches_of(&self, level: u8) -> &[PatchLight] {
+    pub fn patches_of(&self, level: u8) -> Option<&Arc<[PatchLight]>> {
         match self.coarse.iter().find(|light| light.level == level) {
-            Some(light) => &light.patches,
-            None if level == 0 => &self.patches,
-            None => &[],
+            Some(light) => Some(&light.patches),
+            None => (level == 0).then_some(&self.patches),
         }
     }
 }

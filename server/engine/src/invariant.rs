@@ -18,6 +18,7 @@ use crate::PatchLight;
 use crate::engine::Engine;
 use crate::local_set::LocalSet;
 use crate::residency::ChunkState;
+use crate::level_view::LevelView;
 use crate::session::Session;
 use earthshine_radiosity::Slot;
 use earthshine_world::{ChunkId, Direction, RowParts};
@@ -48,7 +49,7 @@ impl Engine {
     pub fn validate(&self) -> Result<(), InvariantError> {
         let mut slots: BTreeMap<ChunkId, u32> = BTreeMap::new();
         for session in self.sessions.values() {
-            for view in session.views() {
+            for view in &session.views {
                 if let Some(local) = &view.local {
                     self.check_local(view, local)?;
                     check_far(view, local)?;
@@ -103,8 +104,8 @@ impl Engine {
 
     /// Once all of a pinned level is in memory and nothing of it waits, all of it is resident.
     fn check_pinned(&self, session: &Session) -> Result<(), InvariantError> {
-        for (view, plan) in session.views().zip(self.chunks.levels()) {
-            let quality = view.quality(&self.chunks);
+        for (view, plan) in session.views.iter().zip(self.chunks.levels()) {
+            let quality = view.quality(&self.chunks, &session.lighting);
             if !(plan.is_pinned && quality.settled) {
                 continue;
             }
@@ -117,14 +118,14 @@ impl Engine {
             let is_whole =
                 quality.resident_patches + refused >= patches.min(quality.wanted_patches + refused);
             ensure("E10 pinned", is_whole, || {
-                format!("session {}: {quality:?} of {patches} on the top level", view.id.0)
+                format!("session {}: {quality:?} of {patches} on the top level", session.id.0)
             })?;
         }
         Ok(())
     }
 
-    fn check_local(&self, session: &Session, local: &LocalSet) -> Result<(), InvariantError> {
-        let at = |slot: u32| format!("session {} slot {slot}", session.id.0);
+    fn check_local(&self, view: &LevelView, local: &LocalSet) -> Result<(), InvariantError> {
+        let at = |slot: u32| format!("session {} level {} slot {slot}", view.session.0, view.level);
         for slot in 0..local.capacity() {
             let resident = local.residents[slot as usize].as_ref();
             let is_taken = local.backend.is_taken(Slot(slot));
@@ -157,8 +158,8 @@ fn check_parts(kept: RowParts, fresh: RowParts, at: impl Fn() -> String) -> Resu
     })
 }
 
-fn check_far(view: &Session, local: &LocalSet) -> Result<(), InvariantError> {
-    let at = |slot: u32| format!("session {} level {} slot {slot}", view.id.0, view.level);
+fn check_far(view: &LevelView, local: &LocalSet) -> Result<(), InvariantError> {
+    let at = |slot: u32| format!("session {} level {} slot {slot}", view.session.0, view.level);
     let Some(field) = &local.far else { return Ok(()) };
     let mut used = 0;
     for id in local.chunks() {

@@ -12,11 +12,11 @@
 //! |---|---|---|
 //! | take events | [`engine`] | what the shell hands over |
 //! | which chunks are wanted; let the others go | `schedule`, `chunks`, [`residency`] | `load_radius_m`, `decoded_bytes_max` |
-//! | ask for tiles, nearest first | `schedule` | `tiles_in_flight_max` |
+//! | ask for tiles, most urgent first | `schedule`, `priority` | `tiles_in_flight_max` |
 //! | which patches are nearest | `priority` | `resident_patches_max` |
-//! | remove, add, light the new ones | `session`, `local_set`, `slots` | `removals_per_tick_max`, `adds_per_tick_max` |
+//! | remove, add, light the new ones | `level_view`, `local_set`, `slots` | `removals_per_tick_max`, `adds_per_tick_max` |
 //! | light what is out of date | `relight`, `direct` | `shadow_points_per_tick_max` |
-//! | far light, sources to the backends, step, read, the coarsest level first | `far`, `relight`, `session` | |
+//! | far light, sources to the backends, step, read, the coarsest level first | `far`, `relight`, `level_view` | |
 //! | gather light in empty air | `air` | `receiver_rows_per_tick_max` |
 //! | publish | `session` | one frame a session |
 //!
@@ -44,6 +44,7 @@ pub mod event;
 mod far;
 pub mod frame;
 pub mod invariant;
+mod level_view;
 mod levels;
 mod local_set;
 mod priority;

@@ -3,7 +3,7 @@
 //! It owns the [`Backend`]; light on the slots is in [`crate::relight`]. Rows come from the chunks of the patches,
 //! columns by reciprocity `F[i, new] = A_new F[new, i] / A_i`: rows on disk are reciprocal.
 
-use crate::far::{FarField, FarShare, far_shares};
+use crate::far::{FarField, FarShare};
 use crate::relight::SlotLight;
 use crate::slots::{FREE, SlotTable, segment_slots, split_row, visit_row};
 use crate::tile::Tile;
@@ -171,8 +171,8 @@ impl LocalSet {
         self.residents.iter().map(leaving).collect()
     }
 
-    /// Slots in the order of frames: ascending by voxel (x, y, z), then direction.
-    pub(crate) fn frame_order(&mut self) -> &[u32] {
+    /// Brings [`Self::in_frame_order`] up to date.
+    pub(crate) fn sort_for_frames(&mut self) {
         if std::mem::take(&mut self.is_order_old) {
             let mut order: Vec<_> = self
                 .iter()
@@ -181,7 +181,11 @@ impl LocalSet {
             order.sort_unstable();
             self.order = order.into_iter().map(|(_, _, slot)| slot).collect();
         }
-        &self.order
+    }
+
+    /// Residents as frames list them, as of the last [`Self::sort_for_frames`]: ascending by voxel (x, y, z), then direction.
+    pub(crate) fn in_frame_order(&self) -> impl Iterator<Item = &Resident> {
+        self.order.iter().map(|&slot| self.resident(slot))
     }
 
     /// Removes resident patches.
@@ -255,9 +259,9 @@ impl LocalSet {
                     let segments =
                         segments.get_or_insert_with(|| segment_slots(&self.tables, &table.chunk.rows));
                     let resident = self.residents[slot as usize].as_mut().expect("a table names taken slots");
-                    resident.parts = split_row(segments, &table.chunk.rows, local);
-                    if self.far.is_some() {
-                        resident.far = far_shares(table, segments, local);
+                    match &mut self.far {
+                        Some(far) => (resident.parts, resident.far) = far.split(table, segments, local),
+                        None => resident.parts = split_row(segments, &table.chunk.rows, local),
                     }
                 }
             }

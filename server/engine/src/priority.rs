@@ -1,10 +1,47 @@
-//! What is nearest: the point that distances are measured from, and the M patches around it.
+//! What is nearest and what comes first: the point that distances are measured from, the M patches around it, and
+//! the order of work towards them.
+//!
+//! Distance from the focus alone decides *what* is resident: light comes from behind a camera too, and a camera that turns
+//! must find it there. What lies in view only comes *earlier*.
 
+use crate::config::EngineConfig;
 use crate::local_set::LocalSet;
 use earthshine_world::{Camera, Chunk, PatchId, Vec3};
+use std::sync::Arc;
+
+/// What one camera looks at, as far as plans depend on it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Outlook {
+    /// Where the camera is, m.
+    pub(crate) position: Vec3,
+    /// Where distances are measured from: where the camera will be, m.
+    pub(crate) focus: Vec3,
+    /// Unit, or zero for a camera that looks nowhere.
+    forward: Vec3,
+    /// By how much what lies straight behind counts as farther in the order of work.
+    view_bias: f32,
+}
+
+impl Outlook {
+    /// Of a valid camera.
+    pub(crate) fn of(camera: &Camera, config: &EngineConfig) -> Self {
+        Self {
+            position: camera.position,
+            focus: focus(camera, config.look_ahead_s, config.load_radius_m * 0.5),
+            forward: camera.forward.normalize_or_zero(),
+            view_bias: config.view_bias,
+        }
+    }
+
+    /// `distance` to something at `place` as the order of work counts it: what is in view comes first.
+    pub(crate) fn urgency(&self, distance: f32, place: Vec3) -> f32 {
+        let towards = (place - self.position).normalize_or(self.forward);
+        distance * (1.0 + self.view_bias * 0.5 * (1.0 - towards.dot(self.forward)))
+    }
+}
 
 /// Where the camera will be after `look_ahead_s`, at most `most_m` from where it is.
-pub(crate) fn focus(camera: &Camera, look_ahead_s: f32, most_m: f32) -> Vec3 {
+fn focus(camera: &Camera, look_ahead_s: f32, most_m: f32) -> Vec3 {
     // In f64: a velocity near `f32::MAX` must not overflow on its way to the limit.
     let way = camera.velocity.as_dvec3() * f64::from(look_ahead_s);
     let clamped = way.clamp_length_max(f64::from(most_m));
@@ -14,7 +51,7 @@ pub(crate) fn focus(camera: &Camera, look_ahead_s: f32, most_m: f32) -> Vec3 {
 /// What a local set should take in and let go.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub(crate) struct SwapPlan {
-    /// Wanted and not resident, farthest first: taken from the end.
+    /// Wanted and not resident, most urgent last: taken from the end.
     pub(crate) adds: Vec<PatchId>,
     /// Resident, and their chunk is not wanted: these go in any case.
     pub(crate) forced: Vec<PatchId>,
@@ -40,7 +77,12 @@ struct Candidate {
 /// The nearest patches of `chunks` (ascending by id) against what `local` holds.
 ///
 /// Residents count as nearer by `hysteresis`. What `local` was refused is left out.
-pub(crate) fn plan_swaps(focus: Vec3, chunks: &[&Chunk], local: &LocalSet, hysteresis: f32) -> SwapPlan {
+pub(crate) fn plan_swaps(
+    outlook: &Outlook,
+    chunks: &[&Arc<Chunk>],
+    local: &LocalSet,
+    hysteresis: f32,
+) -> SwapPlan {
     let resident_scale = (1.0 + hysteresis).powi(-2);
     let mut candidates = Vec::new();
     for chunk in chunks {
@@ -52,7 +94,7 @@ pub(crate) fn plan_swaps(focus: Vec3, chunks: &[&Chunk], local: &LocalSet, hyste
                 continue;
             }
             let scale = if is_resident { resident_scale } else { 1.0 };
-            let distance = (patch.centroid.distance_squared(focus) * scale).to_bits();
+            let distance = (patch.centroid.distance_squared(outlook.focus) * scale).to_bits();
             candidates.push(Candidate { distance, patch: id, is_resident });
         }
     }
@@ -63,22 +105,36 @@ pub(crate) fn plan_swaps(focus: Vec3, chunks: &[&Chunk], local: &LocalSet, hyste
     } else {
         Vec::new()
     };
-    let pick = |from: Vec<Candidate>, is_resident| {
-        let mut picked: Vec<_> =
-            from.into_iter().filter(|candidate| candidate.is_resident == is_resident).collect();
-        picked.sort_unstable();
-        picked.into_iter().map(|candidate| candidate.patch)
-    };
+    let mut displaced: Vec<_> = beyond.into_iter().filter(|candidate| candidate.is_resident).collect();
+    displaced.sort_unstable();
     let forced = local
         .chunks()
         .filter(|id| chunks.binary_search_by_key(id, |chunk| chunk.id).is_err())
         .flat_map(|id| local.patches_of(id))
         .collect();
     SwapPlan {
-        adds: pick(candidates, false).rev().collect(),
+        adds: most_urgent_last(outlook, chunks, candidates),
         forced,
-        displaced: pick(beyond, true).collect(),
+        displaced: displaced.into_iter().map(|candidate| candidate.patch).collect(),
     }
+}
+
+/// Those of `chosen` that are not resident, in the order of work.
+fn most_urgent_last(outlook: &Outlook, chunks: &[&Arc<Chunk>], chosen: Vec<Candidate>) -> Vec<PatchId> {
+    let centroid = |id: PatchId| {
+        let at = chunks.binary_search_by_key(&id.chunk, |chunk| chunk.id).expect("chosen from these chunks");
+        chunks[at].patches[usize::from(id.local)].centroid
+    };
+    let mut adds: Vec<(u32, PatchId)> = chosen
+        .into_iter()
+        .filter(|candidate| !candidate.is_resident)
+        .map(|Candidate { distance, patch, .. }| {
+            let distance = f32::from_bits(distance).sqrt();
+            (outlook.urgency(distance, centroid(patch)).to_bits(), patch)
+        })
+        .collect();
+    adds.sort_unstable_by(|a, b| b.cmp(a));
+    adds.into_iter().map(|(_, patch)| patch).collect()
 }
 
 #[cfg(test)]
@@ -91,5 +147,19 @@ mod tests {
             let camera = Camera { position: Vec3::X, forward: Vec3::X, velocity: Vec3::X * velocity };
             assert!((focus(&camera, 0.5, 10.0) - Vec3::X * expected).length() < 1e-5, "{velocity} m/s");
         }
+    }
+
+    #[test]
+    fn what_lies_in_view_comes_first_and_nothing_comes_nearer_than_it_is() {
+        let camera = Camera { position: Vec3::ZERO, forward: Vec3::X * 3.0, velocity: Vec3::ZERO };
+        let config = EngineConfig { view_bias: 1.0, ..EngineConfig::default() };
+        let outlook = Outlook::of(&camera, &config);
+        let urgency = |place: Vec3| outlook.urgency(place.length(), place);
+        assert_eq!(urgency(Vec3::X * 2.0), 2.0);
+        assert_eq!(urgency(Vec3::X * -2.0), 4.0);
+        assert_eq!(urgency(Vec3::Y * 2.0), 3.0);
+        let nowhere = Outlook::of(&Camera { forward: Vec3::ZERO, ..camera }, &config);
+        assert!(nowhere.urgency(2.0, Vec3::Y * 2.0).is_finite());
+        assert_eq!(outlook.urgency(0.0, Vec3::ZERO), 0.0);
     }
 }

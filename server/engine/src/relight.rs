@@ -126,11 +126,20 @@ impl<'a> Relight<'a> {
     }
 }
 
-/// Gives the backend every source that differs from what it holds. Returns how many had to be limited.
+/// What [`set_sources`] found.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct SourcesSet {
+    /// Whether any differed from what the backend held.
+    pub(crate) changed: bool,
+    /// How many of those had to be limited.
+    pub(crate) limited: u64,
+}
+
+/// Gives the backend every source that differs from what it holds.
 ///
 /// # Errors
 /// Whatever the backend says: it is of no more use.
-pub(crate) fn set_sources(local: &mut LocalSet, rig: &LightRig) -> Result<u64, BackendError> {
+pub(crate) fn set_sources(local: &mut LocalSet, rig: &LightRig) -> Result<SourcesSet, BackendError> {
     let (mut slots, mut exitances, mut outside) = (Vec::new(), Vec::new(), Vec::new());
     let mut limited = 0;
     for (slot, resident) in (0u32..).zip(&mut local.residents) {
@@ -150,14 +159,15 @@ pub(crate) fn set_sources(local: &mut LocalSet, rig: &LightRig) -> Result<u64, B
             outside.push(arriving);
         }
     }
-    if !slots.is_empty() {
+    let changed = !slots.is_empty();
+    if changed {
         local.backend.set_sources(&slots, &exitances, &outside)?;
         local.needs_step = true;
     }
-    Ok(limited)
+    Ok(SourcesSet { changed, limited })
 }
 
-/// Steps the backend and reads its light back, if anything changed after the last time. Returns whether it did.
+/// Steps the backend and reads its light back, if there is reason to. Returns whether any of it is another, to the bit.
 ///
 /// # Errors
 /// Whatever the backend says: it is of no more use.
@@ -169,11 +179,15 @@ pub(crate) fn step(local: &mut LocalSet) -> Result<bool, BackendError> {
     let slots: Vec<Slot> = local.iter().map(|(slot, _)| Slot(slot)).collect();
     let mut irradiance = vec![Rgb::ZERO; slots.len()];
     local.backend.read_irradiance(&slots, &mut irradiance)?;
+    let mut changed = false;
     for (slot, irradiance) in slots.into_iter().zip(irradiance) {
         // Rounding may leave a little less than nothing.
-        local.resident_mut(slot.0).light.irradiance = irradiance.max(Rgb::ZERO);
+        let irradiance = irradiance.max(Rgb::ZERO);
+        let light = &mut local.resident_mut(slot.0).light;
+        changed |= light.irradiance != irradiance;
+        light.irradiance = irradiance;
     }
-    Ok(true)
+    Ok(changed)
 }
 
 /// A source that arithmetic survives, and whether that changed it.

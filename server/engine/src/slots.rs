@@ -32,6 +32,11 @@ impl SlotTable {
         self.taken
     }
 
+    /// By patch; [`FREE`] for none.
+    pub(crate) fn slots(&self) -> &[u32] {
+        &self.slots
+    }
+
     pub(crate) fn is_taken(&self, local: usize) -> bool {
         self.slots.get(local).is_some_and(|&slot| slot != FREE)
     }
@@ -89,6 +94,11 @@ pub(crate) fn split_row(segments: &[&[u32]], rows: &ChunkRows, row: usize) -> Ro
     visit_row(segments, rows, row, |slot, share| {
         *(if slot == FREE { &mut far } else { &mut resident }) += f64::from(share);
     });
+    parts_of_row(rows, row, resident, far)
+}
+
+/// The parts of row `row` of `rows`, of which `resident` and `far` are known.
+pub(crate) fn parts_of_row(rows: &ChunkRows, row: usize, resident: f64, far: f64) -> RowParts {
     let sky: f64 = rows.sky_shares[row].iter().map(|&share| f64::from(share)).sum();
     RowParts {
         resident: resident as f32,

@@ -27,8 +27,8 @@ fn frame(lights: &[(IVec3, f32)]) -> Frame {
         number: NUMBER.fetch_add(1, Ordering::Relaxed),
         time_s: 1.0,
         voxel_edge_m: 1.0,
-        patches,
-        receivers: Vec::new(),
+        patches: patches.into(),
+        receivers: Arc::default(),
         coarse: Vec::new(),
         quality: FrameQuality::default(),
     }

@@ -34,7 +34,7 @@ pub mod rows;
 pub use camera::Camera;
 pub use chunk::{Chunk, OccluderMesh};
 pub use direction::{AxisWeights, Direction};
-pub use glam::Vec3;
+pub use glam::{Vec3, Vec4};
 pub use grid::{Bounds, ChunkCoord, ChunkId, Grid, VoxelCoord};
 pub use index::{ChunkSummary, WorldIndex};
 pub use light::{Light, LightRig, Sky};

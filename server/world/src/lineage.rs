@@ -25,11 +25,6 @@ impl Lineage {
         self.parents.get(&chunk)
     }
 
-    /// Every chunk whose patches' parents are known, ascending.
-    pub fn iter(&self) -> impl ExactSizeIterator<Item = (ChunkId, &Parents)> {
-        self.parents.iter().map(|(&id, parents)| (id, parents))
-    }
-
     /// The patch that covers `patch` one level up, if that is known.
     #[must_use]
     pub fn parent(&self, patch: PatchId) -> Option<PatchId> {

@@ -81,3 +81,11 @@ pub struct RowParts {
     /// Known to bring no light.
     pub absorbed: f32,
 }
+
+impl RowParts {
+    /// What light rests on: all but the far part, 0..=1.
+    #[must_use]
+    pub fn known(&self) -> f32 {
+        (self.resident + self.sky + self.absorbed).clamp(0.0, 1.0)
+    }
+}

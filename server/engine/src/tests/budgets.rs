@@ -75,7 +75,7 @@ fn shadow_points_keep_their_budget_and_nobody_starves() {
     fresh.settle();
     let worst = |a: &[crate::PatchLight]| {
         a.iter()
-            .zip(&fresh.frame(ALICE).patches)
+            .zip(fresh.frame(ALICE).patches.iter())
             .map(|(a, b)| {
                 (a.irradiance - b.irradiance).abs().max_element() / b.irradiance.max_element().max(0.1)
             })

@@ -71,7 +71,7 @@ fn a_corridor_in_pieces_has_the_light_of_the_whole() {
         (error(fed.frame(ALICE), whole.frame(ALICE)), error(alone.frame(ALICE), whole.frame(ALICE)));
     assert_eq!((fed.frame(ALICE).patches.len(), fed.frame(ALICE).coarse.len()), (16, 3));
     assert!(with < 0.1 && without > 0.3, "{with} with coarse levels, {without} without");
-    for light in &fed.frame(ALICE).patches {
+    for light in fed.frame(ALICE).patches.iter() {
         assert!((light.far_share - light.fed_share).abs() < 1e-5, "no gap: {light:?}");
         assert!((light.known_share + light.far_share - 1.0).abs() < 1e-5, "{light:?}");
     }
@@ -123,7 +123,7 @@ fn there_is_never_nothing_to_show() {
         let frame = harness.frame(ALICE);
         assert_eq!(frame.coarse[2].patches.len(), top);
         assert!((brightest(frame) / rest - 1.0).abs() < 1e-4, "the top level is fed by nobody");
-        for light in &frame.patches {
+        for light in frame.patches.iter() {
             assert!(
                 (light.far_share - light.fed_share).abs() < 1e-4,
                 "no gap while the top is whole: {light:?}"

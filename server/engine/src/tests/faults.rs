@@ -138,7 +138,7 @@ fn a_backend_that_fails_is_replaced_and_filled_again() {
     harness.settle();
     let (a, b) = (&harness.frame(ALICE).patches, &sound.frame(ALICE).patches);
     assert_eq!(a.len(), b.len());
-    for (a, b) in a.iter().zip(b) {
+    for (a, b) in a.iter().zip(b.iter()) {
         assert!((a.irradiance - b.irradiance).abs().max_element() < 1e-4);
     }
 }

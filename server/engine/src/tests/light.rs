@@ -109,7 +109,7 @@ fn light_off_returns_to_the_same_values() {
     harness.light(ALICE, lamp(Vec3::new(2.0, 2.0, 2.0)));
     harness.settle();
     let lit = harness.frame(ALICE).patches.clone();
-    let brighter = lit.iter().zip(&dark).filter(|(a, b)| a.irradiance.x > b.irradiance.x + 1e-4).count();
+    let brighter = lit.iter().zip(dark.iter()).filter(|(a, b)| a.irradiance.x > b.irradiance.x + 1e-4).count();
     assert!(brighter > dark.len() / 4, "{brighter} of {} patches got brighter", dark.len());
     harness.light(ALICE, LightRig::emission_only());
     harness.settle();
@@ -131,7 +131,7 @@ fn a_flight_returns_to_the_same_light() {
     harness.settle();
     let after = &harness.frame(ALICE).patches;
     assert_eq!(after.len(), before.len());
-    for (a, b) in after.iter().zip(&before) {
+    for (a, b) in after.iter().zip(before.iter()) {
         assert!(a.voxel == b.voxel && close(a.irradiance, b.irradiance), "{a:?} {b:?}");
     }
 }
@@ -154,7 +154,7 @@ fn the_cpu_backend_gives_the_light_of_plain_iteration() {
     let cpu = fly(Box::new(|capacity| Ok(Box::new(CpuBackend::new(capacity).unwrap()))));
     let iterated = fly(factory(Faults::default()));
     assert_eq!((cpu.len(), iterated.len()), (60, 60));
-    for (a, b) in cpu.iter().zip(&iterated) {
+    for (a, b) in cpu.iter().zip(iterated.iter()) {
         assert_eq!((a.voxel, a.direction, a.known_share), (b.voxel, b.direction, b.known_share));
         let error = (a.irradiance - b.irradiance).abs().max_element();
         assert!(error <= 1e-4 * b.irradiance.max_element().max(1.0), "{a:?} {b:?}");

@@ -49,6 +49,7 @@ impl Simulation {
             load_radius_m: dice.pick(&[3.0, 9.0, 40.0]),
             hysteresis: dice.pick(&[0.0, 0.1, 1.0]),
             look_ahead_s: dice.pick(&[0.0, 0.3]),
+            view_bias: dice.pick(&[0.0, 0.5, 4.0]),
             adds_per_tick_max: dice.pick(&[1, 5, 64]),
             removals_per_tick_max: dice.pick(&[1, 4, 64]),
             shadow_points_per_tick_max: dice.pick(&[1, 30, 10_000]),
@@ -218,7 +219,7 @@ impl Simulation {
         self.digest(frame.session.0 << 32 | frame.number);
         self.digest(frame.time_s.to_bits());
         self.digest(u64::from(frame.quality.stale_direct) << 32 | u64::from(frame.quality.wanted_patches));
-        let coarse = frame.coarse.iter().flat_map(|level| &level.patches);
+        let coarse = frame.coarse.iter().flat_map(|level| level.patches.iter());
         for light in frame.patches.iter().chain(coarse) {
             let sum = light.known_share + light.far_share;
             assert!((sum - 1.0).abs() < 2e-3 && light.fed_share <= light.far_share + 2e-3, "{light:?}");

@@ -84,6 +84,8 @@ impl LocalMatrix {
                 }
             }
         }
+        // A round of repairs that was under way has nothing left to do.
+        self.repair_from = 0;
         Ok(())
     }
 

@@ -46,11 +46,6 @@ impl LocalMatrix {
         }
     }
 
-    /// Starts the next [`Self::repair`] with the first patch.
-    pub fn restart_repair(&mut self) {
-        self.repair_from = 0;
-    }
-
     fn refine(&mut self, slots: &[usize]) {
         if slots.is_empty() {
             return;

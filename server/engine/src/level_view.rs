@@ -1,0 +1,398 @@
+//! One session's view of one level: its local set, what it should hold, and what it last said.
+//!
+//! A coarser view feeds the finer ones far light ([`crate::far`]) and is published beside them. Cameras, lights and light
+//! in the air are the [`Session`](crate::session::Session)'s.
+
+use crate::chunks::ChunkTable;
+use crate::config::EngineConfig;
+use crate::far;
+use crate::local_set::{LocalSet, Resident};
+use crate::priority::{Outlook, SwapPlan, plan_swaps};
+use crate::relight::{self, Relight};
+use crate::stats::Counters;
+use crate::{FrameQuality, PatchLight, SessionId};
+use earthshine_radiosity::BackendError;
+use earthshine_world::{Chunk, ChunkId, LightRig};
+use std::sync::Arc;
+
+/// Columns of a matrix that a tick refines while a repair is under way: one block of the CPU backend.
+const REPAIR_COLUMNS_A_TICK: u32 = 32;
+/// Drift beyond which a repair, which squares it, would take rounds; then the matrix is solved afresh.
+const REPAIRABLE_DRIFT: f32 = 0.1;
+
+/// A chunk that the session's camera wants, as far as its plan depends on it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct WantedChunk {
+    pub(crate) id: ChunkId,
+    pub(crate) has_tile: bool,
+    pub(crate) patch_count: u32,
+}
+
+/// Work on swaps: what may be done, or what was.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Swaps {
+    pub(crate) adds: u32,
+    pub(crate) removals: u32,
+    /// For the direct light of the patches added.
+    pub(crate) shadow_points: u32,
+}
+
+/// The lights of a session, and how often they have changed.
+#[derive(Debug, Clone)]
+pub(crate) struct Lighting {
+    pub(crate) rig: LightRig,
+    pub(crate) generation: u64,
+}
+
+/// What one level is to one session.
+#[derive(Debug)]
+pub(crate) struct LevelView {
+    pub(crate) session: SessionId,
+    pub(crate) level: u8,
+    pub(crate) local: Option<LocalSet>,
+    /// Ascending by id.
+    chunks: Vec<WantedChunk>,
+    plan: SwapPlan,
+    is_plan_old: bool,
+    are_sources_old: bool,
+    /// Whether the far columns changed after far light was gathered.
+    is_far_old: bool,
+    /// Whether what leaves its patches changed, or whose it is, after the finer views gathered.
+    sends_news: bool,
+    /// Whether light or row parts may differ from `published`.
+    has_news: bool,
+    /// The light of every slot as it was last told.
+    published: Arc<[PatchLight]>,
+    pub(crate) drift: f32,
+}
+
+impl LevelView {
+    pub(crate) fn new(session: SessionId, level: u8) -> Self {
+        Self {
+            session,
+            level,
+            local: None,
+            chunks: Vec::new(),
+            plan: SwapPlan::default(),
+            is_plan_old: true,
+            are_sources_old: true,
+            is_far_old: true,
+            sends_news: true,
+            has_news: true,
+            published: Arc::default(),
+            drift: 0.0,
+        }
+    }
+
+    /// The camera has moved.
+    pub(crate) fn outdate_plan(&mut self) {
+        self.is_plan_old = true;
+    }
+
+    /// Sky, emission or lights have changed.
+    pub(crate) fn outdate_sources(&mut self) {
+        self.are_sources_old = true;
+    }
+
+    /// Takes the chunks of its level wanted now, ascending.
+    pub(crate) fn set_chunks(&mut self, chunks: Vec<WantedChunk>) {
+        if chunks == self.chunks {
+            return;
+        }
+        self.chunks = chunks;
+        self.is_plan_old = true;
+        if let Some(local) = &mut self.local {
+            local.forget_refused(|id| self.chunks.binary_search_by_key(&id, |chunk| chunk.id).is_ok());
+        }
+    }
+
+    /// Wanted chunks in memory, ascending.
+    pub(crate) fn loaded<'a>(&self, table: &'a ChunkTable) -> Vec<&'a Arc<Chunk>> {
+        let has_tile = self.chunks.iter().filter(|wanted| wanted.has_tile);
+        has_tile.map(|wanted| table.chunk(wanted.id).expect("a wanted chunk keeps its tile")).collect()
+    }
+
+    /// Compares what is resident with what is nearest, if either may have changed. Returns whether it did.
+    pub(crate) fn replan(&mut self, outlook: &Outlook, table: &ChunkTable, config: &EngineConfig) -> bool {
+        let Some(local) = &self.local else { return false };
+        let is_due = std::mem::take(&mut self.is_plan_old);
+        if is_due {
+            self.plan = plan_swaps(outlook, &self.loaded(table), local, config.hysteresis);
+        }
+        is_due
+    }
+
+    /// Whether there is something to swap.
+    pub(crate) fn wants_swaps(&self) -> bool {
+        self.local.is_some() && !self.plan.is_empty()
+    }
+
+    /// How direct light on its slots is computed now.
+    fn relight<'a>(&self, table: &'a ChunkTable, lighting: &'a Lighting, tick: u64) -> Relight<'a> {
+        Relight::new(table.casters(self.level), &lighting.rig.lights, lighting.generation, tick)
+    }
+
+    /// Removes and adds as planned, as far as `most` goes; new patches are lit. Returns what was done.
+    ///
+    /// # Errors
+    /// Whatever the backend says: it is of no more use.
+    pub(crate) fn swap(
+        &mut self,
+        table: &mut ChunkTable,
+        lighting: &Lighting,
+        most: Swaps,
+        tick: u64,
+        counters: &mut Counters,
+    ) -> Result<Swaps, BackendError> {
+        let Some(mut local) = self.local.take() else {
+            return Ok(Swaps { adds: 0, removals: 0, shadow_points: 0 });
+        };
+        let removals = most.removals as usize;
+        let forced = self.plan.forced.len().min(removals);
+        let free = local.free_count() as usize + forced;
+        let affordable = self.affordable_adds(table, lighting, most, tick);
+        // What is displaced makes room for what comes now, never more: a slot in hand is light.
+        let displaced = self.plan.displaced.len().min(removals - forced).min(affordable.saturating_sub(free));
+        let adds = affordable.min(free + displaced);
+
+        let mut leaving = take_last(&mut self.plan.forced, forced);
+        leaving.extend(take_last(&mut self.plan.displaced, displaced));
+        let removed = if leaving.is_empty() { Ok(()) } else { local.remove(&leaving) };
+        if let Err(error) = removed {
+            self.local = Some(local);
+            return Err(error);
+        }
+        for id in &leaving {
+            table.release(id.chunk);
+        }
+        let mut newcomers = Vec::with_capacity(adds);
+        for id in take_last(&mut self.plan.adds, adds).into_iter().rev() {
+            newcomers.push((id, table.tile(id.chunk).expect("a planned patch's tile is in memory").clone()));
+        }
+        let added = if newcomers.is_empty() { Default::default() } else { local.add(&newcomers) };
+        for &slot in &added.slots {
+            table.hold(local.resident(slot).id.chunk);
+        }
+        let (lit, spent) = self.relight(table, lighting, tick).light(&mut local, &added.slots, u32::MAX);
+        local.refresh_parts();
+        self.is_plan_old |= added.weak_pivots + added.refused > 0;
+        self.are_sources_old |= lit > 0;
+        let has_moved = !leaving.is_empty() || !added.slots.is_empty();
+        self.is_far_old |= has_moved;
+        self.sends_news |= has_moved;
+        self.has_news |= has_moved;
+        self.local = Some(local);
+
+        counters.adds += added.slots.len() as u64;
+        counters.removes += leaving.len() as u64;
+        counters.weak_pivots += u64::from(added.weak_pivots);
+        counters.refused_adds += u64::from(added.refused);
+        counters.slots_lit += u64::from(lit);
+        counters.rays += u64::from(spent);
+        Ok(Swaps { adds: count(newcomers.len()), removals: count(leaving.len()), shadow_points: spent })
+    }
+
+    /// How many of the next adds may come: by number, and by what their direct light costs; one in any case.
+    fn affordable_adds(
+        &self,
+        table: &ChunkTable,
+        lighting: &Lighting,
+        most: Swaps,
+        tick: u64,
+    ) -> usize {
+        let relight = self.relight(table, lighting, tick);
+        let shadow_points = most.shadow_points;
+        let most = self.plan.adds.len().min(most.adds as usize);
+        let mut spent = 0u32;
+        for (adds, id) in self.plan.adds.iter().rev().take(most).enumerate() {
+            let chunk = table.chunk(id.chunk).expect("a planned patch's tile is in memory");
+            spent = spent.saturating_add(relight.cost(&chunk.patches[usize::from(id.local)]));
+            if adds > 0 && spent > shadow_points {
+                return adds;
+            }
+        }
+        most
+    }
+
+    /// How many slots have direct light that is out of date.
+    pub(crate) fn stale_count(&self, table: &ChunkTable, lighting: &Lighting) -> u32 {
+        self.local.as_ref().map_or(0, |local| self.relight(table, lighting, 0).stale_count(local))
+    }
+
+    /// Lights stale slots again, most urgent first, for up to `most` points times lights, one slot at least.
+    pub(crate) fn refresh_direct(
+        &mut self,
+        table: &ChunkTable,
+        lighting: &Lighting,
+        most: u32,
+        tick: u64,
+        counters: &mut Counters,
+    ) -> u32 {
+        let Some(mut local) = self.local.take() else { return 0 };
+        let relight = self.relight(table, lighting, tick);
+        let stale = relight.stale_slots(&local);
+        let (lit, spent) = relight.light(&mut local, &stale, most);
+        self.are_sources_old |= lit > 0;
+        self.local = Some(local);
+        counters.slots_lit += u64::from(lit);
+        counters.rays += u64::from(spent);
+        spent
+    }
+
+    /// Tends the matrix, gathers far light from `coarser` views (finest first; advanced before), hands changed sources
+    /// over, steps the backend and reads the light. Returns whether the light changed in this tick, or whose it is.
+    ///
+    /// # Errors
+    /// Whatever a backend says: it is of no more use.
+    pub(crate) fn advance(
+        &mut self,
+        coarser: &[Self],
+        rig: &LightRig,
+        config: &EngineConfig,
+        tick: u64,
+        counters: &mut Counters,
+    ) -> Result<bool, BackendError> {
+        if self.local.is_none() {
+            return Ok(false);
+        }
+        self.tend_matrix(config, tick, counters)?;
+        let Some(local) = &mut self.local else { return Ok(false) };
+        if std::mem::take(&mut self.is_far_old) | coarser.iter().any(|view| view.sends_news) {
+            let coarser: Vec<_> = coarser.iter().map(|view| view.local.as_ref()).collect();
+            let changed = far::gather(local, &coarser);
+            self.are_sources_old |= changed;
+            self.has_news |= changed;
+        }
+        if std::mem::take(&mut self.are_sources_old) {
+            let set = relight::set_sources(local, rig)?;
+            counters.limited_sources += set.limited;
+            self.sends_news |= set.changed;
+            self.has_news |= set.changed;
+        }
+        let is_new = relight::step(local)?;
+        self.sends_news |= is_new;
+        self.has_news |= is_new;
+        Ok(self.sends_news)
+    }
+
+    /// The finer views have gathered.
+    pub(crate) fn forget_sent_news(&mut self) {
+        self.sends_news = false;
+    }
+
+    /// Keeps the backend's matrix true: a probe when it is due, a repair a few columns a tick, a fresh solve.
+    fn tend_matrix(
+        &mut self,
+        config: &EngineConfig,
+        tick: u64,
+        counters: &mut Counters,
+    ) -> Result<(), BackendError> {
+        let Some(local) = &mut self.local else { return Ok(()) };
+        if local.swaps_since_probe >= config.drift_probe_every_swaps {
+            local.swaps_since_probe = 0;
+            self.drift = local.backend.drift(config.seed.wrapping_add(tick));
+            counters.drift_probes += 1;
+            if self.drift.is_nan() || self.drift > config.drift_max {
+                counters.resolves += 1;
+                local.is_repairing = self.drift <= REPAIRABLE_DRIFT;
+                if !local.is_repairing {
+                    match local.backend.resolve() {
+                        // The matrix is what it was; the next probe asks again.
+                        Err(error @ BackendError::OutOfMemory { .. }) => {
+                            tracing::warn!(drift = self.drift, %error, "drift stays");
+                        }
+                        other => other?,
+                    }
+                    local.needs_step = true;
+                }
+            }
+        }
+        if local.is_repairing {
+            local.is_repairing = !local.backend.repair(REPAIR_COLUMNS_A_TICK)?.is_complete;
+            local.needs_step = true;
+        }
+        Ok(())
+    }
+
+    /// Frees every slot: the session closes, or its backend is of no more use.
+    pub(crate) fn drop_local(&mut self, table: &mut ChunkTable) {
+        if let Some(local) = self.local.take() {
+            for (_, resident) in local.iter() {
+                table.release(resident.id.chunk);
+            }
+        }
+        self.plan = SwapPlan::default();
+        self.outdate();
+    }
+
+    /// Takes a fresh backend's empty local set.
+    pub(crate) fn set_local(&mut self, local: LocalSet) {
+        self.local = Some(local);
+        self.outdate();
+    }
+
+    fn outdate(&mut self) {
+        self.is_plan_old = true;
+        self.are_sources_old = true;
+        self.is_far_old = true;
+        self.sends_news = true;
+        self.has_news = true;
+    }
+
+    /// How complete its light is; settled of itself.
+    pub(crate) fn quality(&self, table: &ChunkTable, lighting: &Lighting) -> FrameQuality {
+        let Some(local) = &self.local else { return FrameQuality::default() };
+        let offered: u64 = self.chunks.iter().map(|chunk| u64::from(chunk.patch_count)).sum();
+        let wanted =
+            offered.saturating_sub(u64::from(local.refused_count())).min(u64::from(local.capacity()));
+        let stale_direct = self.stale_count(table, lighting);
+        let is_loaded = self.chunks.iter().all(|chunk| chunk.has_tile);
+        FrameQuality {
+            resident_patches: local.len(),
+            wanted_patches: u32::try_from(wanted).expect("limited by the capacity"),
+            stale_direct,
+            settled: is_loaded && stale_direct == 0 && !self.is_plan_old && self.plan.is_empty(),
+        }
+    }
+
+    /// The light of every slot, in the order of frames, and whether it differs from what was told before: what has
+    /// not changed is the same allocation.
+    pub(crate) fn publish(&mut self, voxel_edge_m: f32) -> (Arc<[PatchLight]>, bool) {
+        let mut is_new = false;
+        if std::mem::take(&mut self.has_news) {
+            let lights: Vec<PatchLight> = match &mut self.local {
+                Some(local) => {
+                    local.sort_for_frames();
+                    local.in_frame_order().map(|resident| patch_light(resident, voxel_edge_m)).collect()
+                }
+                None => Vec::new(),
+            };
+            is_new = lights[..] != self.published[..];
+            if is_new {
+                self.published = lights.into();
+            }
+        }
+        (Arc::clone(&self.published), is_new)
+    }
+}
+
+fn patch_light(resident: &Resident, voxel_edge_m: f32) -> PatchLight {
+    PatchLight {
+        voxel: resident.patch.voxel,
+        direction: resident.patch.direction,
+        irradiance: resident.light.irradiance,
+        sky_irradiance: resident.light.sky_irradiance(),
+        plane_offset: Some(resident.patch.plane_offset(voxel_edge_m)),
+        known_share: resident.parts.known(),
+        far_share: resident.parts.far.clamp(0.0, 1.0),
+        fed_share: resident.fed_share.clamp(0.0, 1.0),
+    }
+}
+
+fn take_last<T>(list: &mut Vec<T>, how_many: usize) -> Vec<T> {
+    list.split_off(list.len() - how_many)
+}
+
+fn count(length: usize) -> u32 {
+    u32::try_from(length).expect("budgets are u32")
+}
