@@ -136,7 +136,8 @@ impl Seen {
 
     /// Whether both are the very lists of `other`.
     fn is_same(&self, other: &Self) -> bool {
-        let is_same = |a: &Arc<[PatchLight]>, b: &Arc<[PatchLight]>| Arc::ptr_eq(a, b) || a.is_empty() && b.is_empty();
+        let is_same =
+            |a: &Arc<[PatchLight]>, b: &Arc<[PatchLight]>| Arc::ptr_eq(a, b) || a.is_empty() && b.is_empty();
         is_same(&self.patches, &other.patches) && is_same(&self.air, &other.air)
     }
 }

@@ -85,8 +85,7 @@ impl AirSet {
         near.sort_unstable_by_key(|candidate| (candidate.distance, candidate.key));
         let mut before = std::mem::take(&mut self.voxels);
         for candidate in &near {
-            let kept =
-                before.remove(&candidate.key).filter(|kept| Arc::ptr_eq(&kept.chunk, candidate.chunk));
+            let kept = before.remove(&candidate.key).filter(|kept| Arc::ptr_eq(&kept.chunk, candidate.chunk));
             let rows = candidate.key.1..candidate.end;
             let chunk = || Arc::clone(candidate.chunk);
             let fresh = || AirVoxel { chunk: chunk(), rows, lit: 0, lights: Vec::new() };

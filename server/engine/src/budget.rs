@@ -47,7 +47,9 @@ mod tests {
 
     #[test]
     fn shares_add_up_to_the_budget() {
-        for (most, parts) in [(10, vec![1, 1, 1]), (1, vec![1; 4]), (7, vec![1; 7]), (100, vec![1]), (32, vec![1, 1, 4])] {
+        for (most, parts) in
+            [(10, vec![1, 1, 1]), (1, vec![1; 4]), (7, vec![1; 7]), (100, vec![1]), (32, vec![1, 1, 4])]
+        {
             let mut budget = Budget::new(most);
             let mut waiting: u64 = parts.iter().sum();
             let mut total = 0;

@@ -160,9 +160,11 @@ impl FarField {
         let mut sent = Vec::with_capacity(self.sums.len());
         for block in self.blocks.iter().flatten() {
             let ancestry = Ancestry::of(block, coarser, &exitances);
-            sent.extend((0..block.parent_count).map(|parent| {
-                ancestry.exitance(parent).map_or(Vec4::ZERO, |exitance| exitance.extend(1.0))
-            }));
+            sent.extend(
+                (0..block.parent_count).map(|parent| {
+                    ancestry.exitance(parent).map_or(Vec4::ZERO, |exitance| exitance.extend(1.0))
+                }),
+            );
         }
         sent
     }

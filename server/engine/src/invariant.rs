@@ -16,9 +16,9 @@
 
 use crate::PatchLight;
 use crate::engine::Engine;
+use crate::level_view::LevelView;
 use crate::local_set::LocalSet;
 use crate::residency::ChunkState;
-use crate::level_view::LevelView;
 use crate::session::Session;
 use earthshine_radiosity::Slot;
 use earthshine_world::{ChunkId, Direction, RowParts};

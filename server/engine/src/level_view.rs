@@ -193,13 +193,7 @@ impl LevelView {
     }
 
     /// How many of the next adds may come: by number, and by what their direct light costs; one in any case.
-    fn affordable_adds(
-        &self,
-        table: &ChunkTable,
-        lighting: &Lighting,
-        most: Swaps,
-        tick: u64,
-    ) -> usize {
+    fn affordable_adds(&self, table: &ChunkTable, lighting: &Lighting, most: Swaps, tick: u64) -> usize {
         let relight = self.relight(table, lighting, tick);
         let shadow_points = most.shadow_points;
         let most = self.plan.adds.len().min(most.adds as usize);

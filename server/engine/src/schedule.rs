@@ -3,8 +3,8 @@
 use crate::SessionId;
 use crate::chunks::ChunkTable;
 use crate::config::EngineConfig;
-use crate::residency::ChunkState;
 use crate::priority::Outlook;
+use crate::residency::ChunkState;
 use earthshine_world::ChunkId;
 use std::collections::{BTreeMap, BTreeSet};
 

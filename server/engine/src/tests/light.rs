@@ -109,7 +109,8 @@ fn light_off_returns_to_the_same_values() {
     harness.light(ALICE, lamp(Vec3::new(2.0, 2.0, 2.0)));
     harness.settle();
     let lit = harness.frame(ALICE).patches.clone();
-    let brighter = lit.iter().zip(dark.iter()).filter(|(a, b)| a.irradiance.x > b.irradiance.x + 1e-4).count();
+    let brighter =
+        lit.iter().zip(dark.iter()).filter(|(a, b)| a.irradiance.x > b.irradiance.x + 1e-4).count();
     assert!(brighter > dark.len() / 4, "{brighter} of {} patches got brighter", dark.len());
     harness.light(ALICE, LightRig::emission_only());
     harness.settle();

@@ -94,8 +94,7 @@ fn a_moving_camera_has_light_where_it_will_be() {
 
 #[test]
 fn tiles_are_asked_for_nearest_first_once_and_within_the_limit() {
-    let config =
-        EngineConfig { tiles_in_flight_max: 3, load_radius_m: 9.0, view_bias: 0.0, ..generous(50) };
+    let config = EngineConfig { tiles_in_flight_max: 3, load_radius_m: 9.0, view_bias: 0.0, ..generous(50) };
     let mut harness = Harness::new(big_world(7), config, Faults::default()).with_camera(Vec3::ZERO);
     harness.events.push(Event::SessionOpened { session: BOB });
     harness.look_from(BOB, Vec3::ZERO);
