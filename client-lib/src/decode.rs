@@ -5,6 +5,9 @@ use earthshine_protocol::{VOLUME_DIM_MAX, VOLUME_VOXELS_MAX, v1};
 use earthshine_volume::{Layout, Volume, VoxelLight, plane, rgb9e5};
 use glam::{IVec3, UVec3};
 
+/// Largest unit of light: with it the largest code is still far from infinity.
+const LIGHT_UNIT_MAX_LX: f32 = 1e9;
+
 /// Where a volume is said to be.
 ///
 /// # Errors
@@ -38,6 +41,9 @@ pub(crate) fn check_delta(delta: &v1::Delta, voxel_count: u32) -> Result<(), Cli
             delta.volume, delta.to_generation
         )))
     };
+    if !(delta.light_unit_lx >= 0.0 && delta.light_unit_lx <= LIGHT_UNIT_MAX_LX) {
+        return fault(format!("a unit of light of {} lx", delta.light_unit_lx));
+    }
     if delta.present.len() != delta.voxels.len() {
         return fault(format!("{} masks for {} voxels", delta.present.len(), delta.voxels.len()));
     }
@@ -75,6 +81,8 @@ pub(crate) fn check_delta(delta: &v1::Delta, voxel_count: u32) -> Result<(), Cli
 
 /// Writes a checked delta into `volume`.
 pub(crate) fn apply_delta(delta: &v1::Delta, volume: &mut Volume) {
+    let unit = if delta.light_unit_lx == 0.0 { 1.0 } else { delta.light_unit_lx };
+    let decode = |code| rgb9e5::decode(code) * unit;
     let mut index = 0;
     let mut patch = 0;
     for (voxel, (&step, &present)) in delta.voxels.iter().zip(&delta.present).enumerate() {
@@ -83,8 +91,8 @@ pub(crate) fn apply_delta(delta: &v1::Delta, volume: &mut Volume) {
         let mut light = VoxelLight::EMPTY;
         for direction in (0..6).filter(|direction| present >> direction & 1 == 1) {
             let sky = delta.sky_irradiance.get(patch).copied().unwrap_or(0);
-            let irradiance = rgb9e5::decode(delta.irradiance[patch]);
-            let (sky, quality) = (rgb9e5::decode(sky), delta.quality[patch]);
+            let irradiance = decode(delta.irradiance[patch]);
+            let (sky, quality) = (decode(sky), delta.quality[patch]);
             if air >> direction & 1 == 1 {
                 light.set_air(direction, irradiance, sky, quality);
             } else {
@@ -152,6 +160,15 @@ mod tests {
     }
 
     #[test]
+    fn light_comes_in_the_unit_that_the_server_names() {
+        let layout = layout(&wire_volume()).unwrap();
+        let mut volume = Volume::new(layout).unwrap();
+        apply_delta(&v1::Delta { light_unit_lx: 16.0, ..wire_delta() }, &mut volume);
+        let voxel = volume.at(IVec3::new(-1, 0, 5)).unwrap();
+        assert_eq!((voxel.irradiance[2], voxel.sky_irradiance[0]), (Vec3::splat(32.0), Vec3::splat(8.0)));
+    }
+
+    #[test]
     fn deltas_that_do_not_fit_are_named() {
         let fault = |change: fn(&mut v1::Delta)| {
             let mut delta = wire_delta();
@@ -159,6 +176,9 @@ mod tests {
             check_delta(&delta, 24).unwrap_err().to_string()
         };
         assert!(fault(|d| d.voxels.push(1)).contains("3 masks for 4 voxels"));
+        assert!(fault(|d| d.light_unit_lx = f32::NAN).contains("unit"));
+        assert!(fault(|d| d.light_unit_lx = f32::INFINITY).contains("unit"));
+        assert!(fault(|d| d.light_unit_lx = -1.0).contains("unit"));
         assert!(fault(|d| d.present[0] = 0b100_0001).contains("more than six"));
         assert!(fault(|d| d.irradiance.truncate(1)).contains("1 irradiances"));
         assert!(fault(|d| d.quality.push(1)).contains("4 qualities"));

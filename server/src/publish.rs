@@ -21,6 +21,9 @@ const LIT_MAX: usize =
 /// A delta is one message: all lit voxels and all emptied ones fit.
 const _: () = assert!(LIT_MAX + EMPTIED_MAX <= DELTA_VOXELS_MAX);
 
+/// What a code of one stands for, lx: codes reach from 1e-6 to a million lux. A power of two, so that no bit is lost.
+pub(crate) const LIGHT_UNIT_LX: f32 = 16.0;
+
 /// Light of one voxel as it travels; equal codes need no sending.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct VoxelCodes {
@@ -28,9 +31,9 @@ pub(crate) struct VoxelCodes {
     pub(crate) present: u8,
     /// Bit `a` says that it is a receiver's.
     pub(crate) air: u8,
-    /// RGB9E5, lx; zero where there is no patch.
+    /// RGB9E5, in [`LIGHT_UNIT_LX`]; zero where there is no patch.
     pub(crate) irradiance: [u32; 6],
-    /// RGB9E5, lx; zero where there is no patch.
+    /// As `irradiance`.
     pub(crate) sky_irradiance: [u32; 6],
     /// 0..=255 for 0..=1.
     pub(crate) quality: [u8; 6],
@@ -52,8 +55,8 @@ impl VoxelCodes {
         let direction = patch.direction.index();
         self.present |= 1 << direction;
         self.air |= u8::from(is_air) << direction;
-        self.irradiance[direction] = rgb9e5::encode(patch.irradiance);
-        self.sky_irradiance[direction] = rgb9e5::encode(patch.sky_irradiance);
+        self.irradiance[direction] = rgb9e5::encode(patch.irradiance / LIGHT_UNIT_LX);
+        self.sky_irradiance[direction] = rgb9e5::encode(patch.sky_irradiance / LIGHT_UNIT_LX);
         let rests_on = patch.known_share + patch.fed_share;
         self.quality[direction] = (rests_on.clamp(0.0, 1.0) * 255.0).round() as u8;
         self.plane[direction] = patch.plane_offset.map_or(plane::UNKNOWN, plane::encode);

@@ -2,7 +2,7 @@
 
 use super::Refusal;
 use crate::engine_thread::EngineReport;
-use crate::publish::{Changes, DeltaStore};
+use crate::publish::{Changes, DeltaStore, LIGHT_UNIT_LX};
 use earthshine_engine::{FrameQuality, SessionStats};
 use earthshine_protocol::v1::{self, server_message::Message};
 use earthshine_protocol::{PROTOCOL_MAX, PROTOCOL_MIN, TEXT_BYTES_MAX};
@@ -92,6 +92,7 @@ pub(crate) fn delta(changes: &Changes) -> v1::ServerMessage {
         voxels: Vec::with_capacity(changes.voxels.len()),
         present: Vec::with_capacity(changes.voxels.len()),
         air: Vec::with_capacity(changes.voxels.len()),
+        light_unit_lx: LIGHT_UNIT_LX,
         ..v1::Delta::default()
     };
     let mut before = 0;

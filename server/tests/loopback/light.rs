@@ -146,7 +146,8 @@ async fn a_slow_client_gets_one_merged_delta() {
     assert_eq!(merged.from_generation, first.to_generation);
     assert_eq!(merged.voxels.len(), 3);
     let [lamp, wall] = closed_form();
-    let newest = [lamp, air(), wall].map(|light| earthshine_volume::rgb9e5::encode(light * 41.0));
+    let newest = [lamp, air(), wall]
+        .map(|light| earthshine_volume::rgb9e5::encode(light * 41.0 / merged.light_unit_lx));
     assert_eq!(merged.irradiance, newest);
     assert!(service.metric("earthshine_frames_skipped_total").await >= 30.0);
 

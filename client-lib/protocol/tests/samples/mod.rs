@@ -155,6 +155,7 @@ fn delta() -> v1::Delta {
         time_s: 12.125,
         air: vec![0b000_100, 0, 0b100_000],
         plane: vec![128, 0, 0],
+        light_unit_lx: 16.0,
     }
 }
 
