@@ -12,7 +12,7 @@ use earthshine_radiosity::{ApplyStats, Backend, BackendError, Slot, Update};
 use earthshine_world::Rgb;
 use std::collections::BTreeMap;
 
-/// Matrix sizes that are tried.
+/// Matrix sizes that are always tried.
 pub const SIZES: [u32; 4] = [1, 63, 64, 65];
 /// Relative RMSE of irradiance against a fresh solve.
 const SOLVE_REL: f64 = 1e-5;
@@ -24,7 +24,15 @@ const DRIFT_MAX: f32 = 1e-5;
 /// # Panics
 /// At the first promise that is broken.
 pub fn backend_conformance(make: impl Fn(u32) -> Box<dyn Backend>) {
-    for size in SIZES {
+    backend_conformance_at(&SIZES, make);
+}
+
+/// As [`backend_conformance`], at `sizes`: for one that is too slow for every backend.
+///
+/// # Panics
+/// At the first promise that is broken.
+pub fn backend_conformance_at(sizes: &[u32], make: impl Fn(u32) -> Box<dyn Backend>) {
+    for &size in sizes {
         let fresh = || {
             let backend = make(size);
             assert_eq!(backend.capacity(), size, "as many slots as asked for");

@@ -11,10 +11,12 @@
 //! | [`served`] | a server in the background on a free port |
 //! | [`viewer`] | a client that waits until its light is what it should be |
 //! | [`agreement`] | served light beside solved light |
+//! | [`adapter`] | a device for the GPU backend, or a line that says why not |
 //! | [`backend_suite`] | what every [`Backend`](earthshine_radiosity::Backend) promises |
 //! | [`store_suite`] | what every [`TileStore`](earthshine_tiles::TileStore) promises |
 //! | [`shared`] | the shared scenes, or a line that says they are not there |
 
+pub mod adapter;
 pub mod agreement;
 pub mod backend_suite;
 pub mod baked;

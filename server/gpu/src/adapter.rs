@@ -1,0 +1,187 @@
+//! Which graphics adapters there are, which one is taken, and what it can hold.
+
+use crate::memory;
+use wgpu::{Adapter, Backends, DeviceType, DownlevelFlags, Features, Instance, InstanceDescriptor, Limits};
+
+/// Which adapter to take.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct AdapterChoice {
+    /// Part of its name, upper or lower case alike; any if empty. A software adapter that is named is taken.
+    pub name: String,
+    /// Whether an adapter that computes on the CPU will do: for tests of shaders, never for use.
+    pub allow_software: bool,
+}
+
+/// Why there is no device.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum GpuError {
+    /// No driver, or none that wgpu can use.
+    #[error(
+        "no graphics adapter was found; install a Vulkan, Metal or Direct3D 12 driver, or use backend = \"cpu\""
+    )]
+    NoAdapter,
+    /// Adapters there are, but not the one asked for.
+    #[error("no graphics adapter is named like {wanted:?}; there are {found}; `earthshine gpu` lists them")]
+    NotFound {
+        /// Part of a name.
+        wanted: String,
+        /// The names there are.
+        found: String,
+    },
+    /// Only adapters that compute on the CPU.
+    #[error("{name} computes on the CPU, where backend = \"cpu\" is faster; name it to use it all the same")]
+    Software {
+        /// Of the first.
+        name: String,
+    },
+    /// A driver without compute shaders, or with too little room in a workgroup.
+    #[error("{name} cannot run the kernels: {cause}; update its driver or use backend = \"cpu\"")]
+    Incapable {
+        /// Of the adapter.
+        name: String,
+        /// What it lacks.
+        cause: String,
+    },
+    /// The driver refused.
+    #[error("{name} gave no device: {cause}")]
+    Refused {
+        /// Of the adapter.
+        name: String,
+        /// What the driver said.
+        cause: String,
+    },
+}
+
+/// One adapter, as `earthshine gpu` lists it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct AdapterReport {
+    /// As the driver names it.
+    pub name: String,
+    /// Its driver and version.
+    pub driver: String,
+    /// The API it is reached through.
+    pub api: String,
+    /// Discrete, integrated, virtual, software or other.
+    pub kind: &'static str,
+    /// Whether it computes on the CPU.
+    pub is_software: bool,
+    /// Largest buffer that a kernel can bind, bytes.
+    pub binding_bytes_max: u64,
+    /// Largest buffer, bytes.
+    pub buffer_bytes_max: u64,
+    /// Room that the threads of a workgroup share, bytes.
+    pub workgroup_bytes_max: u32,
+    /// Threads of a subgroup: least and most.
+    pub subgroup_sizes: (u32, u32),
+    /// Whether kernels may use subgroups.
+    pub has_subgroups: bool,
+    /// Whether kernels may use 16-bit floats.
+    pub has_f16: bool,
+    /// Whether the time of each pass can be measured.
+    pub has_timestamps: bool,
+    /// Most patches whose planes bind whole; above it they are split.
+    pub slots_unsplit_max: u32,
+    /// Most patches that its limits allow. What its memory holds is known when it is asked for.
+    pub slots_max: u32,
+    /// Why it cannot be used, if it cannot.
+    pub unusable: Option<String>,
+}
+
+/// Every adapter there is, in the order of the drivers.
+#[must_use]
+pub fn list() -> Vec<AdapterReport> {
+    pollster::block_on(instance().enumerate_adapters(Backends::all())).iter().map(report).collect()
+}
+
+pub(crate) fn instance() -> Instance {
+    Instance::new(InstanceDescriptor::new_without_display_handle_from_env())
+}
+
+/// The adapter that `choice` means: discrete before integrated before others, the first of a kind.
+pub(crate) fn choose(instance: &Instance, choice: &AdapterChoice) -> Result<Adapter, GpuError> {
+    let mut adapters = pollster::block_on(instance.enumerate_adapters(Backends::all()));
+    if adapters.is_empty() {
+        return Err(GpuError::NoAdapter);
+    }
+    let names: Vec<String> = adapters.iter().map(|adapter| adapter.get_info().name).collect();
+    let wanted = choice.name.to_lowercase();
+    adapters.retain(|adapter| adapter.get_info().name.to_lowercase().contains(&wanted));
+    if adapters.is_empty() {
+        return Err(GpuError::NotFound { wanted: choice.name.clone(), found: names.join(", ") });
+    }
+    adapters.sort_by_key(|adapter| rank(adapter.get_info().device_type));
+    let adapter = adapters.swap_remove(0);
+    let info = adapter.get_info();
+    if info.device_type == DeviceType::Cpu && !choice.allow_software && choice.name.is_empty() {
+        return Err(GpuError::Software { name: info.name });
+    }
+    match lacks(&adapter) {
+        Some(cause) => Err(GpuError::Incapable { name: info.name, cause }),
+        None => Ok(adapter),
+    }
+}
+
+fn rank(kind: DeviceType) -> u8 {
+    match kind {
+        DeviceType::DiscreteGpu => 0,
+        DeviceType::IntegratedGpu => 1,
+        DeviceType::VirtualGpu => 2,
+        DeviceType::Other => 3,
+        DeviceType::Cpu => 4,
+    }
+}
+
+/// What the kernels need of a device; the rest is as low as a device may be.
+pub(crate) fn required_limits(of: &Limits) -> Limits {
+    Limits {
+        max_compute_workgroup_storage_size: WORKGROUP_BYTES,
+        max_storage_buffers_per_shader_stage: 5,
+        max_storage_buffer_binding_size: of.max_storage_buffer_binding_size,
+        max_buffer_size: of.max_buffer_size,
+        ..Limits::downlevel_defaults()
+    }
+}
+
+/// Most that the threads of a workgroup share: two blocks of 64 x 32 numbers.
+const WORKGROUP_BYTES: u32 = 16 << 10;
+
+fn lacks(adapter: &Adapter) -> Option<String> {
+    let capabilities = adapter.get_downlevel_capabilities();
+    if !capabilities.flags.contains(DownlevelFlags::COMPUTE_SHADERS) {
+        return Some("it has no compute shaders".to_owned());
+    }
+    let limits = adapter.limits();
+    let mut cause = None;
+    required_limits(&limits).check_limits_with_fail_fn(&limits, true, |name, wanted, allowed| {
+        cause = Some(format!("{name} is {allowed}, {wanted} is needed"));
+    });
+    cause
+}
+
+fn report(adapter: &Adapter) -> AdapterReport {
+    let (info, limits, features) = (adapter.get_info(), adapter.limits(), adapter.features());
+    let binding = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+    AdapterReport {
+        driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
+        api: info.backend.to_string(),
+        kind: match info.device_type {
+            DeviceType::DiscreteGpu => "discrete",
+            DeviceType::IntegratedGpu => "integrated",
+            DeviceType::VirtualGpu => "virtual",
+            DeviceType::Cpu => "software",
+            DeviceType::Other => "other",
+        },
+        is_software: info.device_type == DeviceType::Cpu,
+        binding_bytes_max: limits.max_storage_buffer_binding_size,
+        buffer_bytes_max: limits.max_buffer_size,
+        workgroup_bytes_max: limits.max_compute_workgroup_storage_size,
+        subgroup_sizes: (info.subgroup_min_size, info.subgroup_max_size),
+        has_subgroups: features.contains(Features::SUBGROUP),
+        has_f16: features.contains(Features::SHADER_F16),
+        has_timestamps: features.contains(Features::TIMESTAMP_QUERY),
+        slots_unsplit_max: memory::slots_unsplit_max(binding),
+        slots_max: memory::slots_max(binding),
+        unusable: lacks(adapter),
+        name: info.name,
+    }
+}

@@ -1,0 +1,321 @@
+//! [`GpuBackend`]: the trait on a device. It checks what callers send, as `CpuBackend` does and with the same code, keeps
+//! what it was told on the host, and says so when the device is gone.
+
+use crate::device::GpuDevice;
+use crate::matrix::GpuMatrix;
+use crate::readback::Readback;
+use crate::timing::PassTime;
+use earthshine_radiosity::local_matrix::Arrival;
+use earthshine_radiosity::update_check::UpdateCheck;
+use earthshine_radiosity::{
+    ApplyStats, Backend, BackendError, LocalMatrix, Repaired, Slot, StepStats, Update,
+};
+use earthshine_world::Rgb;
+use earthshine_world::random::{Purpose, hash, unit_f32};
+
+/// A local matrix on a device.
+///
+/// A step is handed to the device and not waited for; its light is on its way to the host at once, and
+/// [`Backend::read_irradiance`] waits only for what has not arrived. Updates wait for the device once a block of 32.
+#[derive(Debug)]
+pub struct GpuBackend {
+    matrix: GpuMatrix,
+    check: UpdateCheck,
+    readback: Readback,
+    /// Sources, a channel after the other, rows of a vector each; changed since they were uploaded.
+    own: Vec<f32>,
+    outside: Vec<f32>,
+    are_sources_new: bool,
+    /// The newest light that arrived, as `own`.
+    irradiance: Vec<f32>,
+    /// Slots whose light on the device is theirs: evaluated since their patch entered.
+    has_light: Vec<bool>,
+    /// Slots of interest, if not all are.
+    wanted: Option<Vec<bool>>,
+    /// Slots that the last step evaluated.
+    current: Vec<bool>,
+    lit_columns: u32,
+    changed: bool,
+}
+
+impl GpuBackend {
+    /// An empty backend of `capacity` slots; see [`crate::memory::device_bytes`].
+    ///
+    /// # Errors
+    /// [`BackendError::OutOfMemory`] for more than the device holds or a matrix may have, or for no slots;
+    /// [`BackendError::DeviceLost`].
+    pub fn new(device: &GpuDevice, capacity: u32) -> Result<Self, BackendError> {
+        let bytes = crate::memory::device_bytes(capacity);
+        let too_large = BackendError::OutOfMemory { slots: capacity, bytes };
+        let most = crate::memory::slots_max(device.binding_bytes_max()).min(LocalMatrix::CAPACITY_MAX);
+        if capacity == 0 || capacity > most {
+            return Err(too_large);
+        }
+        let named = |error| match error {
+            BackendError::OutOfMemory { .. } => too_large.clone(),
+            other => other,
+        };
+        let matrix = GpuMatrix::new(device, capacity).map_err(named)?;
+        let (slots, rows) = (capacity as usize, matrix.rows());
+        Ok(Self {
+            check: UpdateCheck::new(slots),
+            readback: Readback::new(device, matrix.irradiance().size())?,
+            own: vec![0.0; 3 * rows],
+            outside: vec![0.0; 3 * rows],
+            are_sources_new: false,
+            irradiance: vec![0.0; 3 * rows],
+            has_light: vec![false; slots],
+            wanted: None,
+            current: vec![false; slots],
+            lit_columns: 0,
+            changed: true,
+            matrix,
+        })
+    }
+
+    /// Starts timing every pass; false where the device cannot.
+    ///
+    /// # Errors
+    /// [`BackendError::OutOfMemory`], [`BackendError::DeviceLost`].
+    pub fn time_passes(&mut self) -> Result<bool, BackendError> {
+        self.matrix.time_passes()
+    }
+
+    /// The passes since the last call, in order. Waits for the device.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`].
+    pub fn take_times(&mut self) -> Result<Vec<PassTime>, BackendError> {
+        self.matrix.take_times()
+    }
+
+    /// Waits until the device has done all it was told.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`].
+    pub fn finish(&self) -> Result<(), BackendError> {
+        self.matrix.finish()
+    }
+
+    fn within(&self, slot: Slot) -> Result<usize, BackendError> {
+        if slot.0 < self.matrix.capacity() {
+            Ok(slot.0 as usize)
+        } else {
+            Err(BackendError::SlotOutside(slot, self.matrix.capacity()))
+        }
+    }
+
+    fn taken(&self, slot: Slot) -> Result<usize, BackendError> {
+        let at = self.within(slot)?;
+        if self.matrix.is_taken(slot) { Ok(at) } else { Err(BackendError::SlotFree(slot)) }
+    }
+
+    fn rgb(values: &[f32], slot: usize) -> Rgb {
+        let rows = values.len() / 3;
+        Rgb::new(values[slot], values[rows + slot], values[2 * rows + slot])
+    }
+
+    /// Sets three channels; returns whether they were different.
+    fn put(values: &mut [f32], slot: usize, rgb: Rgb) -> bool {
+        let rows = values.len() / 3;
+        let before = Self::rgb(values, slot);
+        (0..3).for_each(|channel| values[channel * rows + slot] = rgb[channel]);
+        before != rgb
+    }
+
+    /// Applies updates of one kind, at most a block of them.
+    fn apply_block(&mut self, updates: &[Update], stats: &mut ApplyStats) -> Result<(), BackendError> {
+        let (mut arrivals, mut leaving) = (Vec::new(), Vec::new());
+        for update in updates {
+            match update {
+                Update::Add { slot, reflectance, area, row, column: _ } => {
+                    arrivals.push(Arrival { slot: *slot, reflectance: *reflectance, area: *area, row });
+                }
+                // A patch that was refused earlier in the batch has left already.
+                Update::Remove { slot } if self.matrix.is_taken(*slot) => leaving.push(*slot),
+                Update::Remove { .. } => {}
+            }
+        }
+        let kept = self.matrix.add_block(&arrivals)?;
+        self.matrix.remove_block(&leaving)?;
+        for slot in &leaving {
+            let at = slot.0 as usize;
+            Self::put(&mut self.own, at, Rgb::ZERO);
+            Self::put(&mut self.outside, at, Rgb::ZERO);
+            self.has_light[at] = false;
+        }
+        self.are_sources_new |= !leaving.is_empty();
+        stats.added += kept.count_ones();
+        stats.weak_pivots += arrivals.len() as u32 - kept.count_ones();
+        stats.removed += leaving.len() as u32;
+        self.changed |= kept != 0 || !leaving.is_empty();
+        Ok(())
+    }
+
+    /// Whether anything leaves a slot when its own light and what arrives from outside are all there is.
+    fn is_lit(&self, slot: usize) -> bool {
+        let reflected = self.matrix.reflectance(Slot(slot as u32)) * Self::rgb(&self.outside, slot);
+        Self::rgb(&self.own, slot) + reflected != Rgb::ZERO
+    }
+}
+
+impl Backend for GpuBackend {
+    fn capacity(&self) -> u32 {
+        self.matrix.capacity()
+    }
+
+    fn apply(&mut self, updates: &[Update]) -> Result<ApplyStats, BackendError> {
+        self.matrix.device().check()?;
+        let matrix = &self.matrix;
+        self.check.check(updates, |slot| matrix.area(slot))?;
+        let mut stats = ApplyStats::default();
+        let same_kind = |a: &Update, b: &Update| std::mem::discriminant(a) == std::mem::discriminant(b);
+        for run in updates.chunk_by(same_kind) {
+            for block in run.chunks(LocalMatrix::BLOCK_MAX) {
+                self.apply_block(block, &mut stats)?;
+            }
+        }
+        Ok(stats)
+    }
+
+    fn is_taken(&self, slot: Slot) -> bool {
+        self.matrix.is_taken(slot)
+    }
+
+    fn set_sources(
+        &mut self,
+        slots: &[Slot],
+        direct_exitance: &[Rgb],
+        outside_irradiance: &[Rgb],
+    ) -> Result<(), BackendError> {
+        for values in [direct_exitance, outside_irradiance] {
+            if values.len() != slots.len() {
+                return Err(BackendError::Length { expected: slots.len(), actual: values.len() });
+            }
+        }
+        for values in [direct_exitance, outside_irradiance] {
+            for (&slot, value) in slots.iter().zip(values) {
+                self.taken(slot)?;
+                if !(value.is_finite() && value.min_element() >= 0.0) {
+                    return Err(BackendError::NotFinite(slot));
+                }
+            }
+        }
+        for ((slot, &direct), &outside) in slots.iter().zip(direct_exitance).zip(outside_irradiance) {
+            let at = slot.0 as usize;
+            self.are_sources_new |= Self::put(&mut self.own, at, direct);
+            self.are_sources_new |= Self::put(&mut self.outside, at, outside);
+        }
+        self.changed |= self.are_sources_new;
+        Ok(())
+    }
+
+    fn set_interest(&mut self, slots: Option<&[Slot]>) -> Result<(), BackendError> {
+        let Some(slots) = slots else {
+            self.wanted = None;
+            return Ok(());
+        };
+        for &slot in slots {
+            self.within(slot)?;
+        }
+        let wanted = self.wanted.get_or_insert_with(|| vec![false; self.current.len()]);
+        wanted.fill(false);
+        slots.iter().for_each(|slot| wanted[slot.0 as usize] = true);
+        Ok(())
+    }
+
+    fn is_current(&self, slot: Slot) -> bool {
+        self.matrix.is_taken(slot) && self.current[slot.0 as usize]
+    }
+
+    /// Handed to the device and not waited for.
+    fn step(&mut self) -> Result<StepStats, BackendError> {
+        self.matrix.device().check()?;
+        let slots = self.current.len();
+        let is_wanted = |slot: usize| self.wanted.as_ref().is_none_or(|wanted| wanted[slot]);
+        let is_missing =
+            |slot: usize| is_wanted(slot) && !self.current[slot] && self.is_taken(Slot(slot as u32));
+        let recomputed = self.changed || (0..slots).any(is_missing);
+        if !recomputed {
+            return Ok(StepStats { lit_columns: self.lit_columns, recomputed });
+        }
+        let lit: Vec<bool> = (0..slots).map(|slot| self.is_lit(slot)).collect();
+        let wanted: Vec<bool> = (0..slots).map(is_wanted).collect();
+        let is = |marks: &[bool], slot: u32| marks.get(slot as usize).copied().unwrap_or(false);
+        let selection = self
+            .matrix
+            .select(|slot| is(&lit, slot), |slot| is(&wanted, slot) && self.matrix.is_taken(Slot(slot)));
+        if std::mem::take(&mut self.are_sources_new) {
+            self.matrix.upload_sources(&self.own, &self.outside);
+        }
+        self.matrix.step(&selection, &mut self.readback)?;
+        for (slot, has_light) in self.has_light.iter_mut().enumerate() {
+            *has_light |= wanted[slot] && self.matrix.is_taken(Slot(slot as u32));
+        }
+        self.current = wanted;
+        self.changed = false;
+        self.lit_columns = lit.iter().filter(|&&lit| lit).count() as u32;
+        Ok(StepStats { lit_columns: self.lit_columns, recomputed })
+    }
+
+    fn read_irradiance(&mut self, slots: &[Slot], out: &mut [Rgb]) -> Result<(), BackendError> {
+        if out.len() != slots.len() {
+            return Err(BackendError::Length { expected: slots.len(), actual: out.len() });
+        }
+        for &slot in slots {
+            self.taken(slot)?;
+        }
+        let irradiance = &mut self.irradiance;
+        let newest =
+            |bytes: &[u8]| irradiance.copy_from_slice(&bytemuck::pod_collect_to_vec::<u8, f32>(bytes));
+        self.readback.fetch(self.matrix.device(), newest)?;
+        for (slot, out) in slots.iter().zip(out) {
+            let at = slot.0 as usize;
+            *out = if self.has_light[at] { Self::rgb(&self.irradiance, at) } else { Rgb::ZERO };
+        }
+        Ok(())
+    }
+
+    /// Infinite if the device is lost. Waits for the device.
+    fn drift(&mut self, seed: u64) -> f32 {
+        let rows = self.own.len() / 3;
+        let mut x = vec![0.0f32; 3 * rows];
+        for (at, x) in x.iter_mut().enumerate() {
+            let (channel, slot) = (at / rows, at % rows);
+            if self.matrix.is_taken(Slot(slot as u32)) {
+                *x = unit_f32(hash(seed, Purpose::Simulation, slot as u64, channel as u64));
+            }
+        }
+        self.are_sources_new = true;
+        let Ok([arriving, gathered]) = self.matrix.probe(&x) else { return f32::INFINITY };
+        let square = |value: f64| value * value;
+        let pairs = || {
+            gathered
+                .iter()
+                .zip(&arriving)
+                .map(|(&gathered, &arriving)| (f64::from(gathered), f64::from(arriving)))
+        };
+        let gap: f64 = pairs().map(|(gathered, arriving)| square(gathered - arriving)).sum();
+        let norm: f64 = pairs().map(|(_, arriving)| square(arriving)).sum();
+        match (gap / norm).sqrt() {
+            _ if gap == 0.0 => 0.0,
+            drift if drift.is_finite() => drift as f32,
+            _ => f32::INFINITY,
+        }
+    }
+
+    fn repair(&mut self, columns_max: u32) -> Result<Repaired, BackendError> {
+        self.matrix.device().check()?;
+        let repaired = self.matrix.repair(columns_max)?;
+        self.changed |= repaired.columns > 0;
+        Ok(repaired)
+    }
+
+    fn resolve(&mut self) -> Result<(), BackendError> {
+        self.matrix.device().check()?;
+        self.matrix.resolve()?;
+        self.matrix.restart_repair();
+        self.changed = true;
+        Ok(())
+    }
+}

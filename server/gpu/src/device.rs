@@ -1,0 +1,196 @@
+//! A device and what it runs: queue, compiled kernels, and whether it is still there.
+
+use crate::adapter::{AdapterChoice, GpuError, choose, instance, required_limits};
+use crate::pipeline::{Pipeline, compile_all};
+use earthshine_radiosity::BackendError;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
+use wgpu::{
+    Buffer, BufferDescriptor, BufferUsages, Device, DeviceDescriptor, ErrorFilter, ExperimentalFeatures,
+    Features, MemoryHints, PollType, Queue, SubmissionIndex, Trace,
+};
+
+/// What the driver said when the device was lost; shared with its callbacks.
+#[derive(Debug, Default)]
+struct Loss(Mutex<Option<String>>);
+
+impl Loss {
+    fn note(&self, cause: String) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(cause);
+    }
+
+    fn cause(&self) -> Option<String> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+/// An open device. Cheap to clone; backends share one.
+#[derive(Debug, Clone)]
+pub struct GpuDevice {
+    inner: Arc<Inner>,
+}
+
+#[derive(Debug)]
+struct Inner {
+    name: String,
+    device: Device,
+    queue: Queue,
+    pipelines: BTreeMap<&'static str, Pipeline>,
+    loss: Arc<Loss>,
+    binding_bytes_max: u64,
+    has_timestamps: bool,
+}
+
+impl GpuDevice {
+    /// Opens the adapter that `choice` means and compiles all kernels for it: some 10 to 1,000 ms, once.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn open(choice: &AdapterChoice) -> Result<Self, GpuError> {
+        Self::open_within(choice, u64::MAX)
+    }
+
+    /// As [`Self::open`], and never binds more than `binding_bytes_max` bytes at once: planes are split above it.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn open_within(choice: &AdapterChoice, binding_bytes_max: u64) -> Result<Self, GpuError> {
+        let adapter = choose(&instance(), choice)?;
+        let name = adapter.get_info().name;
+        let has_timestamps = adapter.features().contains(Features::TIMESTAMP_QUERY);
+        let required_limits = required_limits(&adapter.limits());
+        let limit = required_limits.max_storage_buffer_binding_size.min(required_limits.max_buffer_size);
+        let descriptor = DeviceDescriptor {
+            label: Some("earthshine"),
+            required_features: if has_timestamps { Features::TIMESTAMP_QUERY } else { Features::empty() },
+            required_limits,
+            experimental_features: ExperimentalFeatures::disabled(),
+            memory_hints: MemoryHints::Performance,
+            trace: Trace::Off,
+        };
+        let refused = |cause: String| GpuError::Refused { name: name.clone(), cause };
+        let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
+            .map_err(|error| refused(error.to_string()))?;
+        let loss = Arc::new(Loss::default());
+        let (on_loss, on_error) = (Arc::clone(&loss), Arc::clone(&loss));
+        device.set_device_lost_callback(move |reason, said| on_loss.note(format!("{reason:?}: {said}")));
+        // Every call is valid by construction, so what goes wrong is the device: it is of no more use.
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| on_error.note(error.to_string())));
+        let pipelines = compile_all(&device);
+        if let Some(cause) = loss.cause() {
+            return Err(refused(cause));
+        }
+        let binding_bytes_max = limit.min(binding_bytes_max);
+        Ok(Self {
+            inner: Arc::new(Inner {
+                name,
+                device,
+                queue,
+                pipelines,
+                loss,
+                binding_bytes_max,
+                has_timestamps,
+            }),
+        })
+    }
+
+    /// The adapter's name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.inner.name
+    }
+
+    /// Largest buffer that a kernel is given, bytes.
+    #[must_use]
+    pub fn binding_bytes_max(&self) -> u64 {
+        self.inner.binding_bytes_max
+    }
+
+    /// Whether the device is gone: whatever is on it is lost, and a new one has to be opened.
+    #[must_use]
+    pub fn is_lost(&self) -> bool {
+        self.inner.loss.cause().is_some()
+    }
+
+    /// Gives the device up, as a driver may at any time: for tests of what follows.
+    pub fn destroy(&self) {
+        self.inner.device.destroy();
+        self.inner.loss.note("it was destroyed".to_owned());
+    }
+
+    pub(crate) fn wgpu(&self) -> &Device {
+        &self.inner.device
+    }
+
+    pub(crate) fn queue(&self) -> &Queue {
+        &self.inner.queue
+    }
+
+    pub(crate) fn has_timestamps(&self) -> bool {
+        self.inner.has_timestamps
+    }
+
+    pub(crate) fn pipeline(&self, name: &str) -> &Pipeline {
+        &self.inner.pipelines[name]
+    }
+
+    /// # Errors
+    /// [`BackendError::DeviceLost`] if it is.
+    pub(crate) fn check(&self) -> Result<(), BackendError> {
+        match self.inner.loss.cause() {
+            Some(cause) => Err(BackendError::DeviceLost { cause }),
+            None => Ok(()),
+        }
+    }
+
+    /// A zeroed buffer of `bytes` bytes, at least 16.
+    ///
+    /// # Errors
+    /// [`BackendError::OutOfMemory`], [`BackendError::DeviceLost`].
+    pub(crate) fn buffer(
+        &self,
+        label: &str,
+        bytes: u64,
+        usage: BufferUsages,
+    ) -> Result<Buffer, BackendError> {
+        self.check()?;
+        let device = &self.inner.device;
+        let memory = device.push_error_scope(ErrorFilter::OutOfMemory);
+        let validity = device.push_error_scope(ErrorFilter::Validation);
+        let size = bytes.max(16).next_multiple_of(16);
+        let buffer = device.create_buffer(&BufferDescriptor {
+            label: Some(label),
+            size,
+            usage,
+            mapped_at_creation: false,
+        });
+        // Both guards are popped, the inner first.
+        let (invalid, full) = (pollster::block_on(validity.pop()), pollster::block_on(memory.pop()));
+        match (invalid, full) {
+            (None, None) => Ok(buffer),
+            // A buffer above the device's largest is as much too large as one above its memory.
+            (Some(_), _) | (_, Some(_)) => {
+                self.check()?;
+                Err(BackendError::OutOfMemory { slots: 0, bytes: size })
+            }
+        }
+    }
+
+    /// Waits until `submission` is done, and for the callbacks of maps that it leads to.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`].
+    pub(crate) fn wait(&self, submission: SubmissionIndex) -> Result<(), BackendError> {
+        let wait = PollType::Wait { submission_index: Some(submission), timeout: None };
+        if let Err(error) = self.inner.device.poll(wait) {
+            self.inner.loss.note(error.to_string());
+        }
+        self.check()
+    }
+
+    /// Notes that the device failed.
+    pub(crate) fn lose(&self, cause: &str) -> BackendError {
+        self.inner.loss.note(cause.to_owned());
+        BackendError::DeviceLost { cause: self.inner.loss.cause().unwrap_or_default() }
+    }
+}

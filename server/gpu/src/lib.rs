@@ -1,0 +1,37 @@
+//! The wgpu backend: the local matrix and the light on it, computed by the kernels of `earthshine-shaders`.
+//!
+//! What it is not: an oracle. Every kernel has a twin on the CPU, and [`GpuBackend`] passes the suite that
+//! `CpuBackend` passes. Nothing outside this package names wgpu, and nothing in it knows tiles, chunks or cameras.
+//!
+//! ```text
+//! adapter ──open──▶ GpuDevice (queue, pipelines) ──▶ GpuBackend ... one for each level of each session
+//!
+//! apply:  scatter rows ▶ gather G x rows ▶ combine ▶ return_light ──12 KiB──▶ host: 32 x 32 in f64
+//!         times_small ▶ rank_update (three planes) ▶ write_columns (four planes) ◀──36 KiB──┘
+//! step:   emit_exitance ▶ multiply_tiles (three planes) ▶ sum_tiles ──12 M bytes──▶ host, mapped when it is asked for
+//! ```
+//!
+//! Four planes are held, each the lower triangle of a symmetric matrix in tiles as on the CPU: `G = A H` of three
+//! channels, and the exchange `X = A F` it was made from, so that drift, repair and a fresh solve need nothing from the
+//! host. `8 M^2` bytes and a little: [`memory`].
+//!
+//! No kernel uses float atomics and every sum has one order: the same calls give the same bits on the same device and
+//! driver. Other devices round differently.
+//!
+//! Start at [`adapter`], then [`GpuBackend`]; `matrix` holds the passes, `recorder` how one is run.
+
+pub mod adapter;
+mod backend;
+mod device;
+mod matrix;
+pub mod memory;
+mod pipeline;
+mod plane;
+mod readback;
+mod recorder;
+mod timing;
+
+pub use adapter::{AdapterChoice, AdapterReport, GpuError};
+pub use backend::GpuBackend;
+pub use device::GpuDevice;
+pub use timing::PassTime;

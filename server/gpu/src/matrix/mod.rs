@@ -1,0 +1,172 @@
+//! The local matrix on a device: planes, the blocks that enter and leave, products.
+//!
+//! The formulas are those of `radiosity::local_matrix`; so is the split of the work: what is O(M) and more runs in
+//! kernels, what is 32 x 32 is solved for on the host in `f64`, by the same code. Who is where is kept on the host.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `mod.rs` | who is where |
+//! | `buffers.rs` | what lies on the device |
+//! | `block.rs` | passes that adds, removals and repairs share |
+//! | `add.rs`, `remove.rs` | a block enters, a block leaves |
+//! | `repair.rs` | Newton-Schulz, a block of columns at a time; the fresh solve |
+//! | `product.rs` | the light of a frame, the drift probe |
+
+mod add;
+mod block;
+mod buffers;
+mod product;
+mod remove;
+mod repair;
+
+use crate::device::GpuDevice;
+use crate::readback::Readback;
+use crate::recorder::Recorder;
+use crate::timing::{PassTime, Timing};
+use buffers::Buffers;
+use earthshine_radiosity::local_matrix::Arrival;
+use earthshine_radiosity::{BackendError, Slot};
+use earthshine_shaders::host::{Pass, Resident};
+use earthshine_shaders::limits::TILE_EDGE;
+use earthshine_world::Rgb;
+
+/// `G`, `X` and room to change them.
+#[derive(Debug)]
+pub(crate) struct GpuMatrix {
+    device: GpuDevice,
+    capacity: u32,
+    buffers: Buffers,
+    /// As on the device: reflectance and area of each slot.
+    residents: Vec<Resident>,
+    /// One past the highest taken slot.
+    extent: u32,
+    /// Next slot whose column is to be refined.
+    repair_from: u32,
+    /// What a block is solved from, on its way to the host.
+    block_readback: Readback,
+    timing: Option<Timing>,
+}
+
+impl GpuMatrix {
+    /// # Errors
+    /// [`BackendError::OutOfMemory`], [`BackendError::DeviceLost`].
+    pub(crate) fn new(device: &GpuDevice, capacity: u32) -> Result<Self, BackendError> {
+        let buffers = Buffers::new(device, capacity)?;
+        let block_readback = Readback::new(device, buffers.returned.size() + buffers.among.size())?;
+        let rows = buffers.rows as usize;
+        Ok(Self {
+            device: device.clone(),
+            capacity,
+            buffers,
+            residents: vec![Resident::default(); rows],
+            extent: 0,
+            repair_from: 0,
+            block_readback,
+            timing: None,
+        })
+    }
+
+    pub(crate) fn device(&self) -> &GpuDevice {
+        &self.device
+    }
+
+    pub(crate) fn capacity(&self) -> u32 {
+        self.capacity
+    }
+
+    /// Rows of a vector: the capacity in whole stripes.
+    pub(crate) fn rows(&self) -> usize {
+        self.residents.len()
+    }
+
+    pub(crate) fn irradiance(&self) -> &wgpu::Buffer {
+        &self.buffers.irradiance
+    }
+
+    pub(crate) fn is_taken(&self, slot: Slot) -> bool {
+        self.area(slot) > 0.0
+    }
+
+    /// m2; 0 for a free slot or one beyond the capacity.
+    pub(crate) fn area(&self, slot: Slot) -> f32 {
+        self.residents.get(slot.0 as usize).map_or(0.0, |resident| resident.area)
+    }
+
+    pub(crate) fn reflectance(&self, slot: Slot) -> Rgb {
+        Rgb::from_array(self.residents[slot.0 as usize].reflectance)
+    }
+
+    /// Stripes that can hold anything.
+    fn stripes(&self) -> u32 {
+        self.extent.div_ceil(TILE_EDGE)
+    }
+
+    fn taken_slots(&self) -> impl Iterator<Item = u32> + '_ {
+        (0..self.extent).filter(|&slot| self.residents[slot as usize].area > 0.0)
+    }
+
+    /// What every pass is told.
+    fn pass(&self) -> Pass {
+        Pass { rows: self.buffers.rows, stripe_count: self.stripes(), part_count: 1, ..Pass::default() }
+    }
+
+    fn recorder(&mut self) -> (Recorder<'_>, &Buffers, &mut Readback) {
+        let recorder = Recorder::new(&self.device, &self.buffers.uniforms, self.timing.as_mut());
+        (recorder, &self.buffers, &mut self.block_readback)
+    }
+
+    /// Notes that a patch holds a slot, or nobody does.
+    fn set_resident(&mut self, slot: u32, arrival: Option<&Arrival<'_>>) {
+        self.residents[slot as usize] = arrival.map_or_else(Resident::default, |arrival| Resident {
+            reflectance: arrival.reflectance.to_array(),
+            area: arrival.area,
+        });
+        if arrival.is_some() {
+            self.extent = self.extent.max(slot + 1);
+        }
+    }
+
+    /// Brings `extent` down to the highest taken slot and tells the device who is where.
+    fn settle_residents(&mut self) {
+        let stripes_before = self.stripes();
+        while self.extent > 0 && self.residents[self.extent as usize - 1].area == 0.0 {
+            self.extent -= 1;
+        }
+        let rows = (stripes_before.max(self.stripes()) * TILE_EDGE) as usize;
+        self.upload(&self.buffers.residents, &self.residents[..rows]);
+    }
+
+    /// Writes to the beginning of a buffer before the next submission runs.
+    fn upload<T: bytemuck::NoUninit>(&self, buffer: &wgpu::Buffer, values: &[T]) {
+        if !values.is_empty() {
+            self.device.queue().write_buffer(buffer, 0, bytemuck::cast_slice(values));
+        }
+    }
+
+    /// Starts timing every pass; false where the device cannot.
+    ///
+    /// # Errors
+    /// [`BackendError::OutOfMemory`], [`BackendError::DeviceLost`].
+    pub(crate) fn time_passes(&mut self) -> Result<bool, BackendError> {
+        if self.timing.is_none() {
+            self.timing = Timing::new(&self.device)?;
+        }
+        Ok(self.timing.is_some())
+    }
+
+    /// The passes since the last call. Waits for the device.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`].
+    pub(crate) fn take_times(&mut self) -> Result<Vec<PassTime>, BackendError> {
+        self.timing.as_mut().map_or(Ok(Vec::new()), |timing| timing.take(&self.device))
+    }
+
+    /// Wait for everything that was submitted.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`].
+    pub(crate) fn finish(&self) -> Result<(), BackendError> {
+        self.device.wait(self.device.queue().submit([]))
+    }
+}

@@ -1,0 +1,124 @@
+//! The way back from drift: Newton-Schulz a block of columns at a time, and the fresh solve.
+//!
+//! Both need the exchange `X` alone, which lies on the device. The formulas are those of
+//! `radiosity::local_matrix::repair`. A fresh solve enters all residents into an empty `G`, block by block: O(M^3)
+//! on the device, and as exact as a matrix that nobody ever left.
+
+use super::GpuMatrix;
+use super::block::{Combine, EXCHANGE_PLANE, columns_stride};
+use earthshine_radiosity::local_matrix::capacitance::Entering;
+use earthshine_radiosity::{BackendError, Repaired};
+use earthshine_shaders::host::{Pass, Resident};
+use earthshine_shaders::limits::BLOCK;
+use earthshine_world::Rgb;
+
+/// Pivots of a fresh solve, whose patches were all accepted before: any that can be divided by.
+const SOLVE_PIVOT_MIN: f64 = 1e-6;
+
+impl GpuMatrix {
+    /// Refines the columns of the next `columns_max` patches, at least one block of them; goes on where the last call
+    /// left off.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`].
+    pub(crate) fn repair(&mut self, columns_max: u32) -> Result<Repaired, BackendError> {
+        let mut columns = 0;
+        loop {
+            let slots: Vec<u32> =
+                self.taken_slots().filter(|&slot| slot >= self.repair_from).take(BLOCK as usize).collect();
+            self.refine(&slots)?;
+            columns += slots.len() as u32;
+            let last = slots.last().map_or(self.extent, |last| last + 1);
+            let is_complete = !self.taken_slots().any(|slot| slot >= last);
+            self.repair_from = if is_complete { 0 } else { last };
+            if is_complete || columns.saturating_add(BLOCK) > columns_max {
+                return Ok(Repaired { columns, is_complete });
+            }
+        }
+    }
+
+    /// Starts the next repair with the first patch.
+    pub(crate) fn restart_repair(&mut self) {
+        self.repair_from = 0;
+    }
+
+    fn refine(&mut self, slots: &[u32]) -> Result<(), BackendError> {
+        if slots.is_empty() {
+            return Ok(());
+        }
+        let entry_count = self.upload_members(slots, u32::MAX);
+        self.name_all();
+        let pass = Pass { entry_count, ..self.pass() };
+        let stride = columns_stride(pass);
+        let (mut recorder, buffers, _) = self.recorder();
+        recorder.clear(&buffers.columns);
+        recorder.clear(&buffers.exchange);
+        recorder.copy_out(buffers, EXCHANGE_PLANE, &buffers.exchange, 0, pass);
+        (0..3).for_each(|channel| recorder.copy_out(buffers, channel, &buffers.columns, stride, pass));
+        // r = X e + X R A^-1 g - g
+        recorder.gather(buffers, true, &buffers.columns, stride, pass);
+        let residual = Combine { first_stride: 0, second_weight: -1.0 };
+        recorder.combine(buffers, [&buffers.exchange, &buffers.columns], &buffers.update, residual, pass);
+        // g + r + G R A^-1 r
+        recorder.gather(buffers, false, &buffers.update, stride, pass);
+        let refined = Combine { first_stride: stride, second_weight: 1.0 };
+        recorder.combine(buffers, [&buffers.columns, &buffers.update], &buffers.finals, refined, pass);
+        (0..3).for_each(|channel| recorder.write_members(buffers, channel, &buffers.finals, stride, pass));
+        recorder.submit().map(|_| ())
+    }
+
+    /// Solves `G` afresh from `X`.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`].
+    pub(crate) fn resolve(&mut self) -> Result<(), BackendError> {
+        let residents = self.residents.clone();
+        let slots: Vec<u32> = self.taken_slots().collect();
+        let (mut recorder, buffers, _) = self.recorder();
+        for plane in &buffers.planes[..EXCHANGE_PLANE] {
+            plane.parts.iter().for_each(|part| recorder.clear(&part.buffer));
+        }
+        recorder.submit()?;
+        // Nobody is there at first, and those who are not are passed over.
+        let mut present = vec![Resident::default(); residents.len()];
+        self.name_all();
+        for block in slots.chunks(BLOCK as usize) {
+            self.upload(&self.buffers.residents, &present);
+            self.enter_again(block)?;
+            block.iter().for_each(|&slot| present[slot as usize] = residents[slot as usize]);
+        }
+        self.upload(&self.buffers.residents, &residents);
+        Ok(())
+    }
+
+    /// Enters residents whose rows and columns of `G` are empty.
+    fn enter_again(&mut self, slots: &[u32]) -> Result<(), BackendError> {
+        let entry_count = self.upload_members(slots, u32::MAX);
+        let pass = Pass { entry_count, ..self.pass() };
+        let (mut recorder, buffers, _) = self.recorder();
+        recorder.clear(&buffers.exchange);
+        recorder.copy_out(buffers, EXCHANGE_PLANE, &buffers.exchange, 0, pass);
+        recorder.submit()?;
+        let [mut returned, among] = self.open_block(slots.len(), true)?;
+        for channel in 0..3 {
+            for (to, &among) in returned.plane_mut(channel).iter_mut().zip(among.plane(0)) {
+                *to += among;
+            }
+        }
+        let patch = |place: usize| {
+            let Resident { reflectance, area } = self.residents[slots[place] as usize];
+            (Rgb::from_array(reflectance), area)
+        };
+        let entering = Entering::solve(&returned, SOLVE_PIVOT_MIN, patch);
+        self.close_block(slots, &entering);
+        let entry_count = self.upload_members(slots, entering.kept);
+        let (mut recorder, buffers, _) = self.recorder();
+        recorder.close_loop(buffers, Pass { entry_count, ..pass });
+        recorder.submit().map(|_| ())
+    }
+
+    /// Every stripe may hold something.
+    fn name_all(&self) {
+        self.upload(&self.buffers.is_named, &vec![1u32; self.stripes() as usize]);
+    }
+}

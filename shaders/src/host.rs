@@ -1,0 +1,127 @@
+//! Host structs with the layout of their WGSL twins.
+//!
+//! `Pod` refuses hidden padding here, naga computes offsets there, and `tests/reflection.rs` compares every field by
+//! name, offset and type. A struct of WGSL without a twin here fails that test, and the reverse.
+
+use bytemuck::{Pod, Zeroable};
+
+/// One field of a host struct: name, offset in bytes, WGSL type.
+pub type Field = (&'static str, usize, &'static str);
+
+/// A host struct's name, size in bytes and fields.
+#[derive(Debug, Clone, Copy)]
+pub struct Layout {
+    /// As in WGSL.
+    pub name: &'static str,
+    /// Bytes, padding included.
+    pub size: usize,
+    /// In order.
+    pub fields: &'static [Field],
+}
+
+/// What a host type is called in WGSL.
+trait GpuField {
+    const WGSL: &'static str;
+}
+
+impl GpuField for u32 {
+    const WGSL: &'static str = "u32";
+}
+
+impl GpuField for f32 {
+    const WGSL: &'static str = "f32";
+}
+
+impl GpuField for [u32; 2] {
+    const WGSL: &'static str = "vec2<u32>";
+}
+
+impl GpuField for [f32; 3] {
+    const WGSL: &'static str = "vec3<f32>";
+}
+
+macro_rules! gpu_structs {
+    ($($(#[$struct_doc:meta])* $name:ident { $($(#[$field_doc:meta])* $field:ident: $type:ty,)* })*) => {
+        $(
+            $(#[$struct_doc])*
+            #[repr(C)]
+            #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+            pub struct $name {
+                $($(#[$field_doc])* pub $field: $type,)*
+            }
+        )*
+
+        /// Every host struct.
+        pub const LAYOUTS: &[Layout] = &[$(Layout {
+            name: stringify!($name),
+            size: size_of::<$name>(),
+            fields: &[$((
+                stringify!($field),
+                std::mem::offset_of!($name, $field),
+                <$type as GpuField>::WGSL,
+            ),)*],
+        },)*];
+    };
+}
+
+gpu_structs! {
+    /// What one dispatch is told. Not every kernel reads every field.
+    Pass {
+        /// Rows of every vector and of every block's columns: all stripes of the matrix.
+        rows: u32,
+        /// Stripes that can hold anything.
+        stripe_count: u32,
+        /// First stripe of the part of a plane that is bound.
+        first_stripe: u32,
+        /// One past its last stripe.
+        end_stripe: u32,
+        /// Which of three values of a patch the bound plane goes with.
+        channel: u32,
+        /// Entries, members or tiles in the bound list.
+        entry_count: u32,
+        /// Which part of a plane is bound.
+        part: u32,
+        /// Parts of a plane.
+        part_count: u32,
+        /// Numbers from one channel of the operand to the next; 0 if all share it.
+        channel_stride: u32,
+        /// Weight of the first operand.
+        first_weight: f32,
+        /// Weight of the second operand.
+        second_weight: f32,
+        /// Weight of the irradiance from outside.
+        outside_weight: f32,
+    }
+
+    /// A patch in its slot; all zero in a free one.
+    Resident {
+        /// 0..=0.98 a channel.
+        reflectance: [f32; 3],
+        /// m2.
+        area: f32,
+    }
+
+    /// A patch of the block that enters, leaves or is refined.
+    Member {
+        /// Its row and column.
+        slot: u32,
+        /// Its column in the block.
+        place: u32,
+    }
+
+    /// What a patch of a block exchanges with a resident.
+    ExchangeEntry {
+        /// `slot * BLOCK + place`.
+        at: u32,
+        /// m2.
+        exchange_m2: f32,
+    }
+
+    /// Of a stripe's 64 slots, which carry light and whose light is wanted.
+    StripeMarks {
+        /// A bit each.
+        lit: [u32; 2],
+        /// A bit each.
+        wanted: [u32; 2],
+    }
+}

@@ -1,0 +1,14 @@
+// Sizes that kernels and hosts share. The Rust twins are in `src/limits.rs`.
+
+// Rows and columns of a tile of a plane.
+const TILE_EDGE: u32 = 64u;
+// Most patches that enter, leave or are refined together: the width of a block's columns.
+const BLOCK: u32 = 32u;
+// Threads of a workgroup.
+const LANES: u32 = 256u;
+// Parts in which a gather sums the columns of a plane, each by workgroups of its own.
+const SECTIONS: u32 = 4u;
+// Bands of rows that `return_light` sums apart.
+const RETURN_BANDS: u32 = 16u;
+// Workgroups in a row of a grid that is too long for one dimension.
+const GRID_WIDTH: u32 = 4096u;

@@ -1,0 +1,17 @@
+// What one dispatch is told. Not every kernel reads every field.
+struct Pass {
+    rows: u32,              //  0  rows of every vector and of every block's columns: all stripes of the matrix
+    stripe_count: u32,      //  4  stripes that can hold anything
+    first_stripe: u32,      //  8  of the part of a plane that is bound
+    end_stripe: u32,        // 12  one past its last stripe
+    channel: u32,           // 16  which of three values of a patch the bound plane goes with
+    entry_count: u32,       // 20  entries, members or tiles in the bound list
+    part: u32,              // 24  which part of a plane is bound
+    part_count: u32,        // 28  parts of a plane
+    channel_stride: u32,    // 32  numbers from one channel of the operand to the next; 0 if all share it
+    first_weight: f32,      // 36
+    second_weight: f32,     // 40
+    outside_weight: f32,    // 44
+}                           // 48
+
+@group(0) @binding(0) var<uniform> pass_of: Pass;
