@@ -2,6 +2,7 @@
 
 mod flawed;
 
+use earthshine_radiosity::solver::{Method, SolverBackend, SolverSettings};
 use earthshine_radiosity::{Backend, CpuBackend};
 use earthshine_tests::backend_suite::backend_conformance;
 use earthshine_tests::baked::{BakedWorld, coarse, imported, own_lights};
@@ -17,6 +18,15 @@ fn cpu(slots: u32) -> CpuBackend {
 #[test]
 fn the_cpu_backend_conforms() {
     backend_conformance(|slots| Box::new(cpu(slots)) as Box<dyn Backend>);
+}
+
+#[test]
+fn a_solver_backend_with_a_matrix_conforms() {
+    backend_conformance(|slots| {
+        let make = |slots| Ok(Box::new(cpu(slots)) as Box<dyn Backend>);
+        let settings = SolverSettings { method: Method::Matrix, ..SolverSettings::default() };
+        Box::new(SolverBackend::new(slots, settings, Box::new(make)).expect("a small matrix"))
+    });
 }
 
 /// Goal: the suite notices. Method: the CPU backend with one small flaw at a time.

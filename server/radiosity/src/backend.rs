@@ -3,6 +3,8 @@
 //! Operation level, batched, synchronous, object-safe, no buffers in sight: the engine calls it a
 //! handful of times a tick, so a virtual call costs nothing.
 
+use crate::solver::{SettingsError, SolverSettings};
+use crate::tables::TableError;
 use earthshine_world::Rgb;
 
 /// Where a resident patch sits: row and column of the local matrix.
@@ -137,6 +139,40 @@ pub trait Backend: Send {
     /// [`BackendError::Length`] if the slices differ in length; [`BackendError::SlotFree`].
     fn read_irradiance(&mut self, slots: &[Slot], out: &mut [Rgb]) -> Result<(), BackendError>;
 
+    /// Whether another step without any change would leave the light as it is, to the bit. A matrix settles in one step;
+    /// methods that go on by themselves have to be stepped until then.
+    fn is_settled(&self) -> bool {
+        true
+    }
+
+    /// Chooses how light is advanced from now on, without a jump: the light goes on from where it is. Returns whether this
+    /// backend has a choice; the default has none and goes on as before.
+    ///
+    /// # Errors
+    /// [`BackendError::Settings`], [`BackendError::OutOfMemory`]: the choice stays what it was.
+    fn set_solver(&mut self, settings: &SolverSettings) -> Result<bool, BackendError> {
+        settings.validate()?;
+        Ok(false)
+    }
+
+    /// Keeps a matrix beside the method in use, to be asked by [`audit`](Self::audit). Returns whether it can.
+    ///
+    /// # Errors
+    /// [`BackendError::OutOfMemory`].
+    fn set_audited(&mut self, is_audited: bool) -> Result<bool, BackendError> {
+        let _ = is_audited;
+        Ok(false)
+    }
+
+    /// Relative RMSE of the light as it is against the matrix' for the same sources; nothing where the light is the
+    /// matrix' own, where there is none, or as long as it is being made.
+    ///
+    /// # Errors
+    /// As [`step`](Self::step).
+    fn audit(&mut self) -> Result<Option<f32>, BackendError> {
+        Ok(None)
+    }
+
     /// Relative size of `x -> H x - F (x + R H x)` for a random `x` of `seed`: how far rounding has
     /// carried `H` from the matrix it stands for. O(M^2).
     fn drift(&mut self, seed: u64) -> f32;
@@ -208,6 +244,15 @@ pub enum BackendError {
     /// Light or reflectance that is not a number.
     #[error("light of slot {0:?} is negative or not finite")]
     NotFinite(Slot),
+    /// Light that has become no number: the backend is of no more use.
+    #[error("the light of slot {0:?} is not a number: the backend has to be made anew")]
+    NotANumber(Slot),
+    /// Settings of a solver that cannot be.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// A row that no table can be made of.
+    #[error(transparent)]
+    Table(#[from] TableError),
     /// Slices that should be of one length are not.
     #[error("{expected} values expected, {actual} given")]
     Length {

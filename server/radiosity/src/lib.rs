@@ -18,6 +18,7 @@
 //! | light some patches of a world, the rest by coarse parents | [`far_light::ResidentSet`] |
 //! | have the truth for a few hundred patches | [`multibounce::multibounce`], [`multibounce::series`] |
 //! | know a form factor in closed form, or join two estimates | [`form_factor`] |
+//! | light without a matrix, or more patches than one holds | [`solver::SolverBackend`] |
 //! | draw from rows: alias and CDF tables | [`tables`] |
 //! | check rows | [`invariant`] |
 //! | have a closed room to test with | [`closed_box::ClosedBox`] |
@@ -39,6 +40,7 @@ pub mod local_matrix;
 pub mod multibounce;
 mod resident_rows;
 mod simd;
+pub mod solver;
 pub mod tables;
 mod tile_kernel;
 pub mod update_check;

@@ -31,6 +31,7 @@ pub(super) struct WorldArguments {
 /// Level 0, lit and solved. Everything is by patch.
 pub(super) struct LitWorld {
     pub(super) name: String,
+    pub(super) rig: LightRig,
     pub(super) world: WholeWorld,
     /// Columns of each row along the Z-curve of their patches, then by direction.
     pub(super) rows: SparseRows,
@@ -78,6 +79,7 @@ impl LitWorld {
             direct_exitance: light.direct_exitance,
             irradiance: light.irradiance,
             name,
+            rig: rig.clone(),
 
             world,
         })

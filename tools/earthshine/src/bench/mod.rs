@@ -14,6 +14,7 @@ mod matrix;
 mod moving_sphere;
 mod reference;
 mod scratch;
+mod temporal;
 mod tiles;
 
 use crate::machine::Machine;
@@ -32,6 +33,8 @@ use serde::Serialize;
   earthshine bench sphere --scene sponza.glb --lights sponza.lights.json --way '-8,1.5,0; 6,3,0.5'
   earthshine bench matrix --swaps 10000 --json
   earthshine bench alias --rows 4096 --items 1000 --plot alias-error
+  earthshine bench temporal --scene cornell --solver hybrid,alias --plot step
+  earthshine bench temporal --world sponza --n 1736,5485,8786,10422 --json
   earthshine bench far --scene sponza.glb --lights sponza.lights.json --voxel 1")]
 pub(crate) struct BenchArguments {
     #[command(subcommand)]
@@ -53,6 +56,8 @@ enum Suite {
     Matrix(matrix::MatrixArguments),
     /// Tables that rows are drawn from: build speed, exactness, error by number of draws.
     Alias(alias::AliasArguments),
+    /// Solvers that follow moving light: frames to follow a step, noise, cost of a frame.
+    Temporal(temporal::TemporalArguments),
     /// Size and speed of a world's tiles.
     Tiles(tiles::TilesArguments),
     /// One scene by every way to make samples, patches and rows: error, patches, seconds, bytes.
@@ -125,6 +130,7 @@ pub(crate) fn run(arguments: &BenchArguments) -> anyhow::Result<()> {
         Suite::Sphere(suite) => moving_sphere::run(suite, arguments.json),
         Suite::Matrix(suite) => matrix::run(suite, arguments.json),
         Suite::Alias(suite) => alias::run(suite, arguments.json),
+        Suite::Temporal(suite) => temporal::run(suite, arguments.json),
         Suite::Tiles(suite) => tiles::run(suite, arguments.json),
         Suite::Builders(suite) => builders::run(suite, arguments.json),
         Suite::Estimators(suite) => estimators::run(suite, arguments.json),

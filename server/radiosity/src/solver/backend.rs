@@ -1,0 +1,616 @@
+//! [`SolverBackend`]: rows, sources and light of resident patches, advanced by the method of the moment.
+//!
+//! A matrix is kept only while a method or an audit asks for it. Where it has to be made for patches that are there
+//! already, that takes some steps, [`MATRIX_ADDS_A_STEP`] patches each; the method before goes on meanwhile.
+
+use super::links::LinkRows;
+use super::sampler::RowSampler;
+use super::shooting::{self, ShotStats, Unshot};
+use super::temporal::{RowNoise, Scene};
+use super::{Light, Method, SolverSettings, guard, remainder, rgb, step_gather, temporal};
+use crate::backend::{ApplyStats, Backend, BackendError, MIN_PIVOT, Repaired, Slot, StepStats, Update};
+use crate::tables::{AliasTable, CdfTable};
+use crate::update_check::UpdateCheck;
+use earthshine_world::Rgb;
+
+/// Makes the backend that holds the matrix.
+pub type MatrixFactory = Box<dyn FnMut(u32) -> Result<Box<dyn Backend>, BackendError> + Send>;
+
+/// Patches that a step brings into a matrix that is being made.
+pub const MATRIX_ADDS_A_STEP: usize = 64;
+/// Squared relative change of a bounce below which gathering has settled.
+const GATHER_SETTLED: f64 = 1e-12;
+
+/// What the method of the moment keeps besides light.
+enum State {
+    /// Light comes from the matrix.
+    Matrix,
+    /// Bounces of all rows.
+    Gather { is_settled: bool },
+    /// Draws from alias tables.
+    Alias(RowSampler<AliasTable>, Vec<RowNoise>),
+    /// Draws from cumulative tables.
+    Cdf(RowSampler<CdfTable>, Vec<RowNoise>),
+    /// Shots.
+    Progressive(Unshot),
+    /// Shots, draws and what they estimate.
+    Hybrid(Unshot, RowSampler<CdfTable>, Vec<Light>),
+}
+
+/// A backend that solves over sparse rows, or by a matrix of another backend, as its settings say.
+pub struct SolverBackend {
+    settings: SolverSettings,
+    links: LinkRows,
+    direct: Vec<Light>,
+    outside: Vec<Light>,
+    /// Light without what a hybrid estimates.
+    irradiance: Vec<Light>,
+    state: State,
+    make_matrix: MatrixFactory,
+    matrix: Option<Box<dyn Backend>>,
+    is_audited: bool,
+    /// Sources that the matrix has not been told.
+    is_matrix_behind: bool,
+    interest: Option<Vec<Slot>>,
+    check: UpdateCheck,
+    /// Room for what leaves, and for light from outside.
+    sent: Vec<Light>,
+    drawn_outside: Vec<Light>,
+    frame: u32,
+    guard_cursor: usize,
+    changed: bool,
+    last_shot: ShotStats,
+}
+
+impl std::fmt::Debug for SolverBackend {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("SolverBackend")
+            .field("settings", &self.settings)
+            .field("resident", &self.links.taken_count())
+            .finish_non_exhaustive()
+    }
+}
+
+impl SolverBackend {
+    /// Empty, for `capacity` slots. `make_matrix` is called once a matrix is wanted.
+    ///
+    /// # Errors
+    /// [`BackendError::Settings`], or what `make_matrix` says.
+    pub fn new(
+        capacity: u32,
+        settings: SolverSettings,
+        make_matrix: MatrixFactory,
+    ) -> Result<Self, BackendError> {
+        settings.validate()?;
+        let slots = capacity as usize;
+        let dark = vec![[0.0; 4]; slots];
+        let mut backend = Self {
+            settings,
+            links: LinkRows::new(slots),
+            direct: dark.clone(),
+            outside: dark.clone(),
+            irradiance: dark.clone(),
+            state: State::Gather { is_settled: true },
+            make_matrix,
+            matrix: None,
+            is_audited: false,
+            is_matrix_behind: false,
+            interest: None,
+            check: UpdateCheck::new(slots),
+            sent: dark.clone(),
+            drawn_outside: dark,
+            frame: 0,
+            guard_cursor: 0,
+            changed: true,
+            last_shot: ShotStats::default(),
+        };
+        backend.choose(settings)?;
+        Ok(backend)
+    }
+
+    /// The method in use; while a matrix is being made, the one before.
+    #[must_use]
+    pub fn method(&self) -> Method {
+        match self.state {
+            State::Matrix => Method::Matrix,
+            State::Gather { .. } => Method::Gather,
+            State::Alias(..) => Method::Alias,
+            State::Cdf(..) => Method::Cdf,
+            State::Progressive(_) => Method::Progressive,
+            State::Hybrid(..) => Method::Hybrid,
+        }
+    }
+
+    /// The rows.
+    #[must_use]
+    pub fn links(&self) -> &LinkRows {
+        &self.links
+    }
+
+    /// What the last step shot.
+    #[must_use]
+    pub fn last_shot(&self) -> ShotStats {
+        self.last_shot
+    }
+
+    fn choose(&mut self, settings: SolverSettings) -> Result<(), BackendError> {
+        settings.validate()?;
+        self.settings = settings;
+        if settings.method == Method::Matrix {
+            self.matrix_wanted()?;
+            self.enter_matrix_if_whole()?;
+        } else if settings.method != self.method() {
+            self.leave_matrix();
+            self.enter(settings.method);
+        }
+        self.changed = true;
+        Ok(())
+    }
+
+    fn matrix_wanted(&mut self) -> Result<(), BackendError> {
+        if self.matrix.is_none() {
+            let capacity = self.capacity();
+            let mut matrix = (self.make_matrix)(capacity)?;
+            matrix.set_interest(self.interest.as_deref())?;
+            self.matrix = Some(matrix);
+            self.is_matrix_behind = true;
+        }
+        Ok(())
+    }
+
+    fn leave_matrix(&mut self) {
+        if !self.is_audited {
+            self.matrix = None;
+        }
+    }
+
+    fn enter(&mut self, method: Method) {
+        let slots = self.links.capacity();
+        let noise = || vec![RowNoise::default(); slots];
+        // What a hybrid has estimated is part of the light that was published.
+        if let State::Hybrid(_, _, rest) = &self.state {
+            for (irradiance, rest) in self.irradiance.iter_mut().zip(rest) {
+                super::add_scaled(irradiance, 1.0, rest);
+            }
+        }
+        let mut begin = || shooting::begin(&self.links, &self.direct, &self.outside, &mut self.irradiance);
+        self.state = match method {
+            Method::Matrix => State::Matrix,
+            Method::Gather => State::Gather { is_settled: false },
+            Method::Alias => State::Alias(RowSampler::new(&self.links), noise()),
+            Method::Cdf => State::Cdf(RowSampler::new(&self.links), noise()),
+            Method::Progressive => State::Progressive(begin()),
+            Method::Hybrid => State::Hybrid(begin(), RowSampler::new(&self.links), vec![[0.0; 4]; slots]),
+        };
+    }
+
+    /// Brings patches that the matrix lacks into it. Returns whether it is whole.
+    fn complete_matrix(&mut self) -> Result<bool, BackendError> {
+        let Some(matrix) = &mut self.matrix else { return Ok(false) };
+        let links = &self.links;
+        let missing = (0..links.capacity())
+            .filter(|&slot| links.is_taken(slot) && !matrix.is_taken(Slot(slot as u32)))
+            .take(MATRIX_ADDS_A_STEP);
+        let mut entering = vec![false; links.capacity()];
+        let mut updates = Vec::new();
+        for slot in missing {
+            entering[slot] = true;
+            let is_there = |other: u32| entering[other as usize] || matrix.is_taken(Slot(other));
+            let (mut row, mut column) = (Vec::new(), Vec::new());
+            for link in links.row(slot).iter().filter(|link| is_there(link.slot)) {
+                let other = Slot(link.slot);
+                row.push((other, link.share));
+                if link.slot as usize != slot {
+                    let back = link.share * links.area(slot) / links.area(link.slot as usize);
+                    column.push((other, back.min(1.0)));
+                }
+            }
+            let (area, reflectance) = (links.area(slot), links.reflectance(slot));
+            updates.push(Update::Add { slot: Slot(slot as u32), reflectance, area, row, column });
+        }
+        if updates.is_empty() {
+            return Ok(true);
+        }
+        self.is_matrix_behind = true;
+        let stats = matrix.apply(&updates)?;
+        if stats.weak_pivots > 0 {
+            // It would be offered for ever. Light of a loop without loss is of no use to anyone.
+            let refused: Vec<Update> = updates
+                .iter()
+                .filter_map(|update| match update {
+                    Update::Add { slot, .. } if !matrix.is_taken(*slot) => Some(Update::Remove { slot: *slot }),
+                    _ => None,
+                })
+                .collect();
+            self.apply_to_links(&refused);
+        }
+        Ok(false)
+    }
+
+    fn enter_matrix_if_whole(&mut self) -> Result<(), BackendError> {
+        if self.settings.method == Method::Matrix
+            && self.method() != Method::Matrix
+            && self.complete_matrix()?
+        {
+            self.tell_matrix()?;
+            self.state = State::Matrix;
+        }
+        Ok(())
+    }
+
+    /// Hands the matrix all sources if it may lack some.
+    fn tell_matrix(&mut self) -> Result<(), BackendError> {
+        let Some(matrix) = &mut self.matrix else { return Ok(()) };
+        if std::mem::take(&mut self.is_matrix_behind) {
+            let slots: Vec<Slot> =
+                (0..self.links.capacity() as u32).map(Slot).filter(|&slot| matrix.is_taken(slot)).collect();
+            let pick = |of: &[Light]| -> Vec<Rgb> { slots.iter().map(|slot| rgb(of[slot.0 as usize])).collect() };
+            matrix.set_sources(&slots, &pick(&self.direct), &pick(&self.outside))?;
+        }
+        Ok(())
+    }
+
+    fn published(&self, slot: usize) -> Rgb {
+        let light = rgb(self.irradiance[slot]);
+        match &self.state {
+            State::Hybrid(_, _, rest) => light + rgb(rest[slot]),
+            _ => light,
+        }
+    }
+
+    fn apply_to_links(&mut self, updates: &[Update]) {
+        for update in updates {
+            match update {
+                Update::Add { slot, reflectance, area, row, column: _ } => {
+                    let at = slot.0 as usize;
+                    let entries = row.iter().map(|&(other, share)| (other.0 as usize, share));
+                    self.links.add(at, *area, *reflectance, entries);
+                    self.welcome(at);
+                }
+                Update::Remove { slot } if self.links.is_taken(slot.0 as usize) => self.dismiss(slot.0 as usize),
+                Update::Remove { .. } => {}
+            }
+        }
+        self.changed |= !updates.is_empty();
+    }
+
+    /// Light on a patch that has just entered: what the others send.
+    fn welcome(&mut self, slot: usize) {
+        let unshot = match &self.state {
+            State::Progressive(unshot) | State::Hybrid(unshot, ..) => Some(&unshot.exitance),
+            _ => None,
+        };
+        let mut arriving = [0.0; 4];
+        for link in self.links.row(slot) {
+            let other = link.slot as usize;
+            let kept = unshot.map_or([0.0; 4], |unshot| unshot[other]);
+            let sent = shooting::sent(&self.links, other, &self.direct[other], &self.irradiance[other], &kept);
+            super::add_scaled(&mut arriving, link.share, &sent);
+        }
+        self.irradiance[slot] = arriving;
+        let reflectance = super::light(self.links.reflectance(slot));
+        let links = &self.links;
+        let neighbours = || links.row(slot).iter().map(|link| link.slot as usize).chain([slot]);
+        match &mut self.state {
+            State::Alias(sampler, noise) => {
+                neighbours().for_each(|row| sampler.outdate(row));
+                noise[slot] = RowNoise::default();
+            }
+            State::Cdf(sampler, noise) => {
+                neighbours().for_each(|row| sampler.outdate(row));
+                noise[slot] = RowNoise::default();
+            }
+            State::Progressive(unshot) => unshot.change(reflectance, slot, [0.0; 4], arriving),
+            State::Hybrid(unshot, sampler, rest) => {
+                neighbours().for_each(|row| sampler.outdate(row));
+                unshot.change(reflectance, slot, [0.0; 4], arriving);
+                rest[slot] = [0.0; 4];
+            }
+            State::Matrix | State::Gather { .. } => {}
+        }
+    }
+
+    fn dismiss(&mut self, slot: usize) {
+        if let State::Progressive(unshot) | State::Hybrid(unshot, ..) = &mut self.state {
+            let (direct, light) = (&self.direct[slot], &self.irradiance[slot]);
+            let sent = shooting::sent(&self.links, slot, direct, light, &unshot.exitance[slot]);
+            unshot.leave(&self.links, slot, &sent);
+        }
+        let gone = self.links.remove(slot);
+        let neighbours = || gone.iter().map(|link| link.slot as usize);
+        match &mut self.state {
+            State::Alias(sampler, _) => sampler.forget(slot, neighbours()),
+            State::Cdf(sampler, _) => sampler.forget(slot, neighbours()),
+            State::Hybrid(_, sampler, rest) => {
+                sampler.forget(slot, neighbours());
+                rest[slot] = [0.0; 4];
+            }
+            _ => {}
+        }
+        for light in [&mut self.direct, &mut self.outside, &mut self.irradiance] {
+            light[slot] = [0.0; 4];
+        }
+    }
+
+    /// What leaves each patch, and what a draw of the outside brings it.
+    fn prepare_draws(&mut self, shares: &mut Vec<f32>) {
+        for slot in 0..self.links.capacity() {
+            let (direct, light) = (&self.direct[slot], &self.irradiance[slot]);
+            self.sent[slot] = shooting::sent(&self.links, slot, direct, light, &[0.0; 4]);
+            let outside = self.outside[slot];
+            self.drawn_outside[slot] = if outside == [0.0; 4] {
+                outside
+            } else {
+                let share = self.links.outside_share(slot, shares);
+                // A row that sees residents only has nothing from outside but rounding.
+                outside.map(|light| if share > 0.0 { light / share } else { 0.0 })
+            };
+        }
+    }
+
+    fn advance(&mut self) -> Result<(), BackendError> {
+        let settings = self.settings;
+        let budget = settings.rebuild_items_per_step;
+        let shots = u64::from(settings.shot_links_per_patch) * self.links.taken_count() as u64;
+        if matches!(self.state, State::Alias(..) | State::Cdf(..) | State::Gather { .. }) {
+            self.prepare_draws(&mut Vec::new());
+        }
+        let scene = Scene { sent: &self.sent, outside: &self.drawn_outside };
+        match &mut self.state {
+            State::Matrix => {}
+            State::Gather { is_settled } => {
+                let mut next = vec![[0.0; 4]; self.links.capacity()];
+                step_gather::bounce(&self.links, &self.sent, &self.outside, &mut next);
+                *is_settled = step_gather::change(&self.irradiance, &next) < GATHER_SETTLED;
+                self.irradiance = next;
+            }
+            State::Alias(sampler, noise) => {
+                sampler.rebuild(&self.links, budget)?;
+                temporal::step(&self.links, sampler, scene, &settings, self.frame, noise, &mut self.irradiance);
+            }
+            State::Cdf(sampler, noise) => {
+                sampler.rebuild(&self.links, budget)?;
+                temporal::step(&self.links, sampler, scene, &settings, self.frame, noise, &mut self.irradiance);
+            }
+            State::Progressive(unshot) => {
+                self.last_shot =
+                    unshot.step(&self.links, &self.direct, &self.outside, shots, &mut self.irradiance);
+            }
+            State::Hybrid(unshot, sampler, rest) => {
+                sampler.rebuild(&self.links, budget)?;
+                self.last_shot =
+                    unshot.step(&self.links, &self.direct, &self.outside, shots, &mut self.irradiance);
+                if self.last_shot.unshot_share > remainder::UNSHOT_MIN && !unshot.is_settled {
+                    remainder::step(&self.links, sampler, &unshot.exitance, &settings, self.frame, rest);
+                } else if self.last_shot.unshot_share <= remainder::UNSHOT_MIN {
+                    rest.fill([0.0; 4]);
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Backend for SolverBackend {
+    fn capacity(&self) -> u32 {
+        self.links.capacity() as u32
+    }
+
+    fn apply(&mut self, updates: &[Update]) -> Result<ApplyStats, BackendError> {
+        self.check.check(updates, |slot| self.links.area(slot.0 as usize))?;
+        if matches!(self.state, State::Matrix) {
+            let matrix = self.matrix.as_mut().expect("the matrix method has a matrix");
+            let stats = matrix.apply(updates)?;
+            let is_in = |update: &&Update| !matches!(update, Update::Add { slot, .. } if !matrix.is_taken(*slot));
+            // Who was refused has no links either.
+            let taken: Vec<Update> = updates.iter().filter(is_in).cloned().collect();
+            self.apply_to_links(&taken);
+            return Ok(stats);
+        }
+        if let Some(matrix) = &mut self.matrix {
+            let leaving = |update: &&Update| matches!(update, Update::Remove { slot } if matrix.is_taken(*slot));
+            let leaving: Vec<Update> = updates.iter().filter(leaving).cloned().collect();
+            matrix.apply(&leaving)?;
+        }
+        let mut stats = ApplyStats::default();
+        for update in updates {
+            match update {
+                Update::Add { slot, reflectance, row, .. } => {
+                    let own: f32 = row.iter().filter(|(other, _)| other == slot).map(|(_, share)| share).sum();
+                    if 1.0 - reflectance.max_element() * own < MIN_PIVOT {
+                        stats.weak_pivots += 1;
+                        continue;
+                    }
+                    stats.added += 1;
+                }
+                Update::Remove { .. } => stats.removed += 1,
+            }
+            self.apply_to_links(std::slice::from_ref(update));
+        }
+        Ok(stats)
+    }
+
+    fn is_taken(&self, slot: Slot) -> bool {
+        (slot.0 as usize) < self.links.capacity() && self.links.is_taken(slot.0 as usize)
+    }
+
+    fn set_sources(
+        &mut self,
+        slots: &[Slot],
+        direct_exitance: &[Rgb],
+        outside_irradiance: &[Rgb],
+    ) -> Result<(), BackendError> {
+        for values in [direct_exitance, outside_irradiance] {
+            if values.len() != slots.len() {
+                return Err(BackendError::Length { expected: slots.len(), actual: values.len() });
+            }
+            for (&slot, value) in slots.iter().zip(values) {
+                self.taken(slot)?;
+                if !(value.is_finite() && value.min_element() >= 0.0) {
+                    return Err(BackendError::NotFinite(slot));
+                }
+            }
+        }
+        if matches!(self.state, State::Matrix) {
+            let matrix = self.matrix.as_mut().expect("the matrix method has a matrix");
+            matrix.set_sources(slots, direct_exitance, outside_irradiance)?;
+        } else {
+            self.is_matrix_behind = true;
+        }
+        for ((slot, &direct), &outside) in slots.iter().zip(direct_exitance).zip(outside_irradiance) {
+            let slot = slot.0 as usize;
+            let (direct, outside) = (super::light(direct), super::light(outside));
+            let gap = |new: &Light, old: &Light| std::array::from_fn(|c| new[c] - old[c]);
+            let (more, in_more): (Light, Light) =
+                (gap(&direct, &self.direct[slot]), gap(&outside, &self.outside[slot]));
+            if more == [0.0; 4] && in_more == [0.0; 4] {
+                continue;
+            }
+            self.changed = true;
+            (self.direct[slot], self.outside[slot]) = (direct, outside);
+            if let State::Progressive(unshot) | State::Hybrid(unshot, ..) = &mut self.state {
+                super::add_scaled(&mut self.irradiance[slot], 1.0, &in_more);
+                unshot.change(super::light(self.links.reflectance(slot)), slot, more, in_more);
+            }
+        }
+        Ok(())
+    }
+
+    fn set_interest(&mut self, slots: Option<&[Slot]>) -> Result<(), BackendError> {
+        let beyond = |slot: &&Slot| slot.0 >= self.capacity();
+        if let Some(&slot) = slots.and_then(|slots| slots.iter().find(beyond)) {
+            return Err(BackendError::SlotOutside(slot, self.capacity()));
+        }
+        self.interest = slots.map(<[Slot]>::to_vec);
+        self.matrix.as_mut().map_or(Ok(()), |matrix| matrix.set_interest(slots))
+    }
+
+    fn is_current(&self, slot: Slot) -> bool {
+        match (&self.state, &self.matrix) {
+            (State::Matrix, Some(matrix)) => matrix.is_current(slot),
+            _ => self.is_taken(slot),
+        }
+    }
+
+    fn step(&mut self) -> Result<StepStats, BackendError> {
+        if self.is_audited {
+            self.complete_matrix()?;
+        }
+        self.enter_matrix_if_whole()?;
+        if let (State::Matrix, Some(matrix)) = (&self.state, &mut self.matrix) {
+            return matrix.step();
+        }
+        let lit_columns =
+            self.direct.iter().zip(&self.outside).filter(|&(a, b)| *a != [0.0; 4] || *b != [0.0; 4]).count();
+        let recomputed = std::mem::take(&mut self.changed) || !self.is_settled();
+        if recomputed {
+            if let State::Gather { is_settled } = &mut self.state {
+                *is_settled = false;
+            }
+            self.advance()?;
+            self.frame = self.frame.wrapping_add(1);
+            guard::check(&self.links, &self.irradiance, &mut self.guard_cursor)?;
+        }
+        Ok(StepStats { lit_columns: lit_columns as u32, recomputed })
+    }
+
+    fn is_settled(&self) -> bool {
+        let is_whole = self.settings.method != Method::Matrix || self.method() == Method::Matrix;
+        !self.changed
+            && is_whole
+            && match &self.state {
+                State::Matrix => true,
+                State::Gather { is_settled } => *is_settled,
+                State::Alias(..) | State::Cdf(..) => false,
+                State::Progressive(unshot) | State::Hybrid(unshot, ..) => unshot.is_settled,
+            }
+    }
+
+    fn set_solver(&mut self, settings: &SolverSettings) -> Result<bool, BackendError> {
+        if *settings != self.settings {
+            if let (State::Matrix, Some(matrix)) = (&self.state, &mut self.matrix) {
+                let slots: Vec<Slot> =
+                    (0..self.links.capacity() as u32).map(Slot).filter(|&slot| matrix.is_taken(slot)).collect();
+                let mut light = vec![Rgb::ZERO; slots.len()];
+                matrix.read_irradiance(&slots, &mut light)?;
+                for (slot, light) in slots.iter().zip(light) {
+                    self.irradiance[slot.0 as usize] = super::light(light);
+                }
+            }
+            self.choose(*settings)?;
+        }
+        Ok(true)
+    }
+
+    fn set_audited(&mut self, is_audited: bool) -> Result<bool, BackendError> {
+        self.is_audited = is_audited;
+        if is_audited {
+            self.matrix_wanted()?;
+        } else if self.settings.method != Method::Matrix {
+            self.matrix = None;
+        }
+        Ok(true)
+    }
+
+    fn audit(&mut self) -> Result<Option<f32>, BackendError> {
+        if !self.is_audited || matches!(self.state, State::Matrix) || !self.complete_matrix()? {
+            return Ok(None);
+        }
+        self.tell_matrix()?;
+        let Some(matrix) = &mut self.matrix else { return Ok(None) };
+        matrix.step()?;
+        let slots: Vec<Slot> = (0..self.links.capacity() as u32)
+            .map(Slot)
+            .filter(|&slot| matrix.is_taken(slot) && matrix.is_current(slot))
+            .collect();
+        let mut exact = vec![Rgb::ZERO; slots.len()];
+        matrix.read_irradiance(&slots, &mut exact)?;
+        let (mut gap, mut norm) = (0.0f64, 0.0f64);
+        for (slot, exact) in slots.iter().zip(&exact) {
+            gap += f64::from((self.published(slot.0 as usize) - *exact).length_squared());
+            norm += f64::from(exact.length_squared());
+        }
+        Ok(Some(if gap == 0.0 { 0.0 } else { (gap / norm).sqrt() as f32 }))
+    }
+
+    fn read_irradiance(&mut self, slots: &[Slot], out: &mut [Rgb]) -> Result<(), BackendError> {
+        if let (State::Matrix, Some(matrix)) = (&self.state, &mut self.matrix) {
+            return matrix.read_irradiance(slots, out);
+        }
+        if out.len() != slots.len() {
+            return Err(BackendError::Length { expected: slots.len(), actual: out.len() });
+        }
+        for &slot in slots {
+            self.taken(slot)?;
+        }
+        for (slot, out) in slots.iter().zip(out) {
+            *out = self.published(slot.0 as usize);
+        }
+        Ok(())
+    }
+
+    fn drift(&mut self, seed: u64) -> f32 {
+        self.matrix.as_mut().map_or(0.0, |matrix| matrix.drift(seed))
+    }
+
+    fn repair(&mut self, columns_max: u32) -> Result<Repaired, BackendError> {
+        match &mut self.matrix {
+            Some(matrix) => matrix.repair(columns_max),
+            None => Ok(Repaired { columns: 0, is_complete: true }),
+        }
+    }
+
+    fn resolve(&mut self) -> Result<(), BackendError> {
+        self.matrix.as_mut().map_or(Ok(()), |matrix| matrix.resolve())
+    }
+}
+
+impl SolverBackend {
+    fn taken(&self, slot: Slot) -> Result<usize, BackendError> {
+        let at = slot.0 as usize;
+        if at >= self.links.capacity() {
+            return Err(BackendError::SlotOutside(slot, self.capacity()));
+        }
+        if self.links.is_taken(at) { Ok(at) } else { Err(BackendError::SlotFree(slot)) }
+    }
+}

@@ -1,0 +1,159 @@
+//! Form factors between resident patches that grow and shrink in place: [`LinkRows`].
+//!
+//! A link of row `i` is `(j, F_ij)`. By reciprocity row `j` has a link to `i`, so a column is read off its own row:
+//! `F_ij = A_j F_ji / A_i`, and who leaves is struck from the rows it names.
+
+use earthshine_world::Rgb;
+
+/// One form factor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Link {
+    /// The column's slot.
+    pub slot: u32,
+    /// `F_ij`, 0..=1.
+    pub share: f32,
+}
+
+/// Rows, areas and reflectances of the patches in their slots.
+#[derive(Debug, Clone)]
+pub struct LinkRows {
+    rows: Vec<Vec<Link>>,
+    /// m2; 0 where a slot is free.
+    areas: Vec<f32>,
+    reflectance: Vec<Rgb>,
+    link_count: usize,
+    taken_count: usize,
+}
+
+impl LinkRows {
+    pub(crate) fn new(capacity: usize) -> Self {
+        Self {
+            rows: vec![Vec::new(); capacity],
+            areas: vec![0.0; capacity],
+            reflectance: vec![Rgb::ZERO; capacity],
+            link_count: 0,
+            taken_count: 0,
+        }
+    }
+
+    /// Slots, taken or not.
+    #[must_use]
+    pub fn capacity(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// Patches in slots.
+    #[must_use]
+    pub fn taken_count(&self) -> usize {
+        self.taken_count
+    }
+
+    /// Links of all rows.
+    #[must_use]
+    pub fn link_count(&self) -> usize {
+        self.link_count
+    }
+
+    /// Whether a patch holds `slot`.
+    #[must_use]
+    pub fn is_taken(&self, slot: usize) -> bool {
+        self.areas[slot] > 0.0
+    }
+
+    /// m2; 0 for a free slot.
+    #[must_use]
+    pub fn area(&self, slot: usize) -> f32 {
+        self.areas[slot]
+    }
+
+    /// Of the patch in `slot`.
+    #[must_use]
+    pub fn reflectance(&self, slot: usize) -> Rgb {
+        self.reflectance[slot]
+    }
+
+    /// Links of the patch in `slot`.
+    #[must_use]
+    pub fn row(&self, slot: usize) -> &[Link] {
+        &self.rows[slot]
+    }
+
+    /// What of the row of `slot` does not lead to residents: `F_0 = 1 - sum`, fed by what is far and by the sky. Rounding
+    /// below zero counts as zero. The twin of the shaders' parallel sum, in its order: lanes of 256, then a tree.
+    #[must_use]
+    pub fn outside_share(&self, slot: usize, shares: &mut Vec<f32>) -> f32 {
+        shares.clear();
+        shares.extend(self.rows[slot].iter().map(|link| link.share));
+        (1.0 - crate::tables::masses::total_of(shares)).max(0.0)
+    }
+
+    /// A patch enters a free slot. `row` names taken slots, itself included; twice named, shares add up.
+    pub(crate) fn add(&mut self, slot: usize, area: f32, reflectance: Rgb, row: impl Iterator<Item = (usize, f32)>) {
+        self.areas[slot] = area;
+        self.reflectance[slot] = reflectance;
+        self.taken_count += 1;
+        let mut own = std::mem::take(&mut self.rows[slot]);
+        for (other, share) in row.filter(|&(_, share)| share > 0.0) {
+            match own.iter_mut().rev().take(4).find(|link| link.slot == other as u32) {
+                Some(link) => link.share += share,
+                None => own.push(Link { slot: other as u32, share }),
+            }
+        }
+        for link in own.iter().filter(|link| link.slot != slot as u32) {
+            let other = link.slot as usize;
+            self.rows[other].push(Link { slot: slot as u32, share: link.share * area / self.areas[other] });
+            self.link_count += 1;
+        }
+        self.link_count += own.len();
+        self.rows[slot] = own;
+    }
+
+    /// The patch in `slot` leaves. Returns its links.
+    pub(crate) fn remove(&mut self, slot: usize) -> Vec<Link> {
+        let own = std::mem::take(&mut self.rows[slot]);
+        for link in own.iter().filter(|link| link.slot != slot as u32) {
+            let row = &mut self.rows[link.slot as usize];
+            let before = row.len();
+            row.retain(|back| back.slot != slot as u32);
+            self.link_count -= before - row.len();
+        }
+        self.link_count -= own.len();
+        self.areas[slot] = 0.0;
+        self.reflectance[slot] = Rgb::ZERO;
+        self.taken_count -= 1;
+        own
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::closed_box::ClosedBox;
+
+    /// Goal: rows stay reciprocal and counted. Method: a room filled, thinned and filled again.
+    #[test]
+    fn rows_follow_who_comes_and_goes() {
+        let room = ClosedBox::new(60, 4);
+        let mut rows = LinkRows::new(60);
+        let enter = |rows: &mut LinkRows, i: usize| {
+            let there: Vec<(usize, f32)> =
+                (0..60).filter(|&j| j == i || rows.is_taken(j)).map(|j| (j, room.form_factor(i, j))).collect();
+            rows.add(i, room.area(i), room.reflectance(i), there.into_iter());
+        };
+        (0..60).for_each(|i| enter(&mut rows, i));
+        (0..60).step_by(3).for_each(|i| drop(rows.remove(i)));
+        assert_eq!(rows.taken_count(), 40);
+        (0..60).step_by(6).for_each(|i| enter(&mut rows, i));
+        let mut count = 0;
+        for i in 0..60 {
+            for link in rows.row(i) {
+                let j = link.slot as usize;
+                assert!(rows.is_taken(j) && (link.share - room.form_factor(i, j)).abs() < 1e-6, "{i} {j}");
+                count += 1;
+            }
+        }
+        assert_eq!(count, rows.link_count());
+        let seen: f32 = rows.row(1).iter().map(|link| link.share).sum();
+        assert!((rows.outside_share(1, &mut Vec::new()) - (1.0 - seen)).abs() < 1e-6);
+    }
+}

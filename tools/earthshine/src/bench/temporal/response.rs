@@ -1,0 +1,95 @@
+//! One solver's answer to a step of light, and its error when light has been still for long.
+
+use super::subset::{Subset, rel_rmse};
+use earthshine_radiosity::Backend;
+use earthshine_radiosity::solver::{Method, SolverSettings};
+use serde::Serialize;
+
+/// Histories that a blend is given to reach its steady noise.
+const STEADY_HISTORIES: f32 = 2.0;
+/// Points of a curve beyond the first frames grow by this factor.
+const CURVE_GROWTH: f64 = 1.04;
+/// Frames at the end whose errors are the noise that is left.
+const NOISE_FRAMES: u32 = 20;
+
+/// How one solver does.
+#[derive(Debug, Serialize)]
+pub(super) struct Response {
+    pub(super) solver: &'static str,
+    /// Relative RMSE when light has been still for two histories, from settled light.
+    pub(super) steady_rel_rmse: f64,
+    /// Frames until a tenth, and a hundredth, of the change is left; nothing if that was not seen.
+    pub(super) frames_to_90: Option<u32>,
+    pub(super) frames_to_99: Option<u32>,
+    /// Relative RMSE of the last frames that were followed, lag included.
+    pub(super) noise_after_rel: f64,
+    /// Whether another frame would change no bit.
+    is_settled: bool,
+    /// Frames after which no bit changed any more.
+    frames_to_rest: Option<u32>,
+    /// Frame and share of the change that is left.
+    pub(super) curve: Vec<(u32, f64)>,
+}
+
+/// Follows `settings.method` for `frames` frames.
+pub(super) fn measure(
+    subset: &mut Subset,
+    settings: SolverSettings,
+    frames: u32,
+) -> anyhow::Result<Response> {
+    let steady_rel_rmse = steady(subset, settings, frames)?;
+    subset.settle(false)?;
+    subset.backend.set_solver(&settings)?;
+    // Tables are there before light changes.
+    subset.backend.step()?;
+    subset.shine(true)?;
+    let change = subset.light_before.clone();
+    let (mut to_90, mut to_99, mut to_rest, mut noise) = (None, None, None, 0.0);
+    let (mut curve, mut next_point) = (Vec::new(), 1.0f64);
+    for frame in 1..=frames.max(1) {
+        subset.backend.step()?;
+        let light = subset.light()?;
+        let left = rel_rmse(&light, &subset.light_after, |at| change[at] - subset.light_after[at]);
+        to_90 = to_90.or((left <= 0.1).then_some(frame));
+        to_99 = to_99.or((left <= 0.01).then_some(frame));
+        if f64::from(frame) >= next_point {
+            curve.push((frame, left));
+            next_point = (f64::from(frame) * CURVE_GROWTH).max(f64::from(frame) + 1.0);
+        }
+        if frame + NOISE_FRAMES > frames {
+            noise += rel_rmse(&light, &subset.light_after, |at| subset.light_after[at]);
+        }
+        if subset.backend.is_settled() {
+            to_rest = Some(frame);
+            noise = f64::from(NOISE_FRAMES) * rel_rmse(&light, &subset.light_after, |at| subset.light_after[at]);
+            curve.push((frame, left));
+            break;
+        }
+    }
+    Ok(Response {
+        solver: settings.method.name(),
+        steady_rel_rmse,
+        frames_to_90: to_90,
+        frames_to_99: to_99,
+        noise_after_rel: noise / f64::from(NOISE_FRAMES.min(frames.max(1))),
+        is_settled: subset.backend.is_settled(),
+        frames_to_rest: to_rest,
+        curve,
+    })
+}
+
+fn steady(subset: &mut Subset, settings: SolverSettings, frames: u32) -> anyhow::Result<f64> {
+    subset.settle(true)?;
+    subset.backend.set_solver(&settings)?;
+    let is_blend = matches!(settings.method, Method::Alias | Method::Cdf);
+    let history = (STEADY_HISTORIES / (1.0 - settings.history_weight)) as u32;
+    let frames = if is_blend { history.clamp(1, frames.max(1)) } else { frames };
+    for _ in 0..frames {
+        subset.backend.step()?;
+        if subset.backend.is_settled() {
+            break;
+        }
+    }
+    let light = subset.light()?;
+    Ok(rel_rmse(&light, &subset.light_after, |at| subset.light_after[at]))
+}
