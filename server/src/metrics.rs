@@ -159,6 +159,7 @@ impl Collector for EngineCollector {
             ("drift_probes", "Measurements of drift", counted.drift_probes),
             ("resolves", "Repairs and fresh solves because of drift", counted.resolves),
             ("frames", "Frames published", counted.frames),
+            ("audits", "Audits of a solver by the matrix", counted.audits),
         ];
         for (name, help, value) in counters {
             let metric = encoder.encode_descriptor(name, help, None, MetricType::Counter)?;
@@ -190,6 +191,11 @@ impl Collector for EngineCollector {
                 sum(|session| session.stale_direct),
             ),
             ("matrix_drift_ratio", "Worst rounding of any local matrix", f64::from(stats.drift())),
+            (
+                "solver_audit_error_ratio",
+                "Worst relative RMSE of any view's light against the matrix, at its last audit",
+                f64::from(stats.audit_error()),
+            ),
             ("tile_requests", "Tiles asked for and not answered", self.0.tiles_pending as f64),
         ];
         for (name, help, value) in gauges {

@@ -13,7 +13,8 @@ use crate::session::Shared;
 use crate::shutdown::Deadline;
 use crate::tile_loader::TileLoader;
 use crate::tls;
-use earthshine_engine::{BackendFactory, Engine};
+use earthshine_engine::{BackendFactory, Engine, SolverConfig, SolverName};
+use earthshine_radiosity::solver::{Method, SolverBackend, SolverSettings};
 use earthshine_radiosity::{Backend, BackendError, CpuBackend, Slot};
 use earthshine_tiles::{DirStore, PatchBuilder, TileStore};
 use earthshine_world::WorldIndex;
@@ -21,7 +22,7 @@ use std::io::ErrorKind;
 use std::net::SocketAddr;
 use std::path::Path;
 use std::pin::pin;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use tokio::net::TcpListener;
@@ -82,7 +83,7 @@ impl Server {
             return Err(ServerError::ClusteredWorld { world: config.world });
         }
         let index = store.manifest().index();
-        let engine = Engine::new(index.clone(), config.engine.clone(), backends(config.backend))
+        let engine = Engine::new(index.clone(), config.engine.clone(), solving(backends(config.backend), &config.engine.solver))
             .map_err(ServerError::Index)?;
         let (listener, local_addr) = bind("listen", config.listen).await?;
         let (admin, admin_addr) = bind("admin_listen", config.admin_listen).await?;
@@ -284,6 +285,21 @@ fn backends(kind: BackendKind) -> BackendFactory {
                 }
             }
         }
+    })
+}
+
+/// Backends that solve as the configuration says, with matrices of `matrices` where they need one.
+fn solving(matrices: BackendFactory, config: &SolverConfig) -> BackendFactory {
+    let matrices = Arc::new(Mutex::new(matrices));
+    // A matrix says first how many slots there is memory for.
+    let needs_matrix = config.audit_every_ticks > 0 || config.by_level.contains(&SolverName::Matrix);
+    let method = if needs_matrix { Method::Matrix } else { Method::Gather };
+    Box::new(move |capacity| {
+        let matrices = Arc::clone(&matrices);
+        let make = move |capacity| (matrices.lock().unwrap_or_else(PoisonError::into_inner))(capacity);
+        // The engine tells each level's solver.
+        let settings = SolverSettings { method, ..SolverSettings::default() };
+        Ok(Box::new(SolverBackend::new(capacity, settings, Box::new(make))?) as Box<dyn Backend>)
     })
 }
 

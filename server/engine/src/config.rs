@@ -1,5 +1,7 @@
 //! Limits and trade-offs of the engine, one key each. Where to start: [`EngineConfig`].
 
+use crate::solver_config::SolverConfig;
+
 /// Settings of the engine. Every key has a default; an unknown key is an error.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -96,6 +98,8 @@ pub struct EngineConfig {
     /// Relative rounding above which a session's matrix is repaired, some columns a tick: keep it far above `f32`'s usual
     /// 1e-5. Above 0.1 it is solved afresh, O(M^3).
     pub drift_max: f32,
+    /// How light is solved, by level.
+    pub solver: SolverConfig,
 }
 
 impl Default for EngineConfig {
@@ -121,6 +125,7 @@ impl Default for EngineConfig {
             retries_max: 3,
             drift_probe_every_swaps: 1000,
             drift_max: 1e-4,
+            solver: SolverConfig::default(),
         }
     }
 }
@@ -166,6 +171,7 @@ impl EngineConfig {
                 Err(ConfigError { key, value: value.to_string(), cause })
             }
         };
+        self.solver.validate()?;
         let at_least_one = "it has to be at least 1";
         count(
             "resident_patches_max",

@@ -10,7 +10,7 @@ use crate::residency::ChunkState;
 use crate::schedule::{next_requests, wanted_chunks};
 use crate::session::Session;
 use crate::stats::{Counters, EngineStats, TickStats};
-use crate::{Command, Event, SessionId};
+use crate::{Command, Event, SessionId, SolverConfig};
 use earthshine_light::Occluders;
 use earthshine_radiosity::{Backend, BackendError};
 use earthshine_world::lineage::Lineage;
@@ -149,6 +149,7 @@ impl Engine {
             Event::SessionClosed { session } => self.close(session),
             Event::Camera { session, camera } => self.take_camera(session, &camera),
             Event::Lights { session, lights } => self.take_lights(session, lights),
+            Event::Solver { solver } => self.take_solver(solver),
             Event::TileDecoded { chunk, occluders, lineage } => self.take_tile(chunk, lineage, occluders),
             Event::TileFailed { chunk, cause } => {
                 if self.chunks.awaits(chunk) {
@@ -197,6 +198,18 @@ impl Engine {
         }
     }
 
+    fn take_solver(&mut self, solver: SolverConfig) {
+        if let Err(error) = solver.validate() {
+            tracing::warn!(%error, "a choice of solvers is ignored");
+            self.counters.ignored.solvers += 1;
+            return;
+        }
+        self.config.solver = solver;
+        for view in self.sessions.values_mut().flat_map(|session| &mut session.views) {
+            view.choose_solver(&self.config);
+        }
+    }
+
     fn take_tile(&mut self, chunk: Arc<Chunk>, lineage: Arc<Lineage>, occluders: Arc<Occluders>) {
         let id = chunk.id;
         if !self.chunks.awaits(id) {
@@ -236,7 +249,10 @@ impl Engine {
                 }
                 let is_fed = usize::from(plan.level) + 1 < levels.len();
                 match (self.backends)(plan.capacity) {
-                    Ok(backend) => view.set_local(LocalSet::new(backend, is_fed)),
+                    Ok(backend) => {
+                        view.set_local(LocalSet::new(backend, is_fed));
+                        view.choose_solver(&self.config);
+                    }
                     Err(error) => {
                         tracing::warn!(session = session.id.0, level = plan.level, %error, "no backend could be built");
                         self.counters.backend_failures += 1;

@@ -1,6 +1,6 @@
 //! What goes into the engine and what comes out: closed enums, owned data.
 
-use crate::Frame;
+use crate::{Frame, SolverConfig};
 use earthshine_world::lineage::Lineage;
 use earthshine_world::{Camera, Chunk, ChunkId, LightRig};
 use std::sync::Arc;
@@ -35,6 +35,11 @@ pub enum Event {
         session: SessionId,
         /// All of them; what is not listed is off.
         lights: LightRig,
+    },
+    /// Light is solved otherwise from now on, in all sessions. Settings that cannot be are ignored and counted.
+    Solver {
+        /// How.
+        solver: SolverConfig,
     },
     /// A requested tile is here, verified and decoded.
     TileDecoded {

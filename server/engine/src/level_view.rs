@@ -64,6 +64,8 @@ pub(crate) struct LevelView {
     /// The light of every slot as it was last told.
     published: Arc<[PatchLight]>,
     pub(crate) drift: f32,
+    /// What the last audit found; 0 before the first.
+    pub(crate) audit_error: f32,
 }
 
 impl LevelView {
@@ -81,6 +83,7 @@ impl LevelView {
             has_news: true,
             published: Arc::default(),
             drift: 0.0,
+            audit_error: 0.0,
         }
     }
 
@@ -264,9 +267,30 @@ impl LevelView {
             self.has_news |= set.changed;
         }
         let is_new = relight::step(local)?;
+        if config.solver.audit_every_ticks > 0
+            && tick.is_multiple_of(u64::from(config.solver.audit_every_ticks))
+            && let Some(error) = local.backend.audit()?
+        {
+            self.audit_error = error;
+            counters.audits += 1;
+        }
         self.sends_news |= is_new;
         self.has_news |= is_new;
         Ok(self.sends_news)
+    }
+
+    /// Tells the backend how light is to be solved. One that refuses goes on as before.
+    pub(crate) fn choose_solver(&mut self, config: &EngineConfig) {
+        let Some(local) = &mut self.local else { return };
+        let settings = config.solver.settings(self.level, config.seed);
+        let chosen = local.backend.set_solver(&settings).and_then(|has_choice| {
+            local.is_endless = has_choice && settings.method.is_endless();
+            local.backend.set_audited(config.solver.audit_every_ticks > 0)
+        });
+        local.needs_step = true;
+        if let Err(error) = chosen {
+            tracing::warn!(session = self.session.0, level = self.level, %error, "a solver was refused");
+        }
     }
 
     /// The finer views have gathered.
@@ -345,7 +369,11 @@ impl LevelView {
             resident_patches: local.len(),
             wanted_patches: u32::try_from(wanted).expect("limited by the capacity"),
             stale_direct,
-            settled: is_loaded && stale_direct == 0 && !self.is_plan_old && self.plan.is_empty(),
+            settled: is_loaded
+                && stale_direct == 0
+                && !self.is_plan_old
+                && self.plan.is_empty()
+                && local.is_at_rest(),
         }
     }
 

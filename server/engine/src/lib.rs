@@ -53,6 +53,7 @@ pub mod residency;
 mod schedule;
 mod session;
 mod slots;
+pub mod solver_config;
 pub mod stats;
 #[cfg(test)]
 mod tests;
@@ -65,4 +66,5 @@ pub use event::{Command, Event, SessionId};
 pub use frame::{Frame, FrameQuality, LevelLight, PatchLight};
 pub use invariant::InvariantError;
 pub use residency::ChunkState;
+pub use solver_config::{SolverConfig, SolverName};
 pub use stats::{ChunkCounts, Counters, EngineStats, IgnoredEvents, SessionStats, TickStats};

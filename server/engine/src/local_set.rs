@@ -46,6 +46,8 @@ pub(crate) struct LocalSet {
     pub(crate) swaps_since_probe: u32,
     /// Whether a repair of the backend's matrix is under way.
     pub(crate) is_repairing: bool,
+    /// Whether its solver goes on for ever: still light is as settled as it gets.
+    pub(crate) is_endless: bool,
 }
 
 /// What became of patches that were to be added.
@@ -82,7 +84,13 @@ impl LocalSet {
             needs_step: false,
             swaps_since_probe: 0,
             is_repairing: false,
+            is_endless: false,
         }
+    }
+
+    /// Whether light would stay as it is, but for noise.
+    pub(crate) fn is_at_rest(&self) -> bool {
+        self.is_endless || self.backend.is_settled()
     }
 
     pub(crate) fn capacity(&self) -> u32 {

@@ -172,7 +172,7 @@ pub(crate) fn set_sources(local: &mut LocalSet, rig: &LightRig) -> Result<Source
 /// # Errors
 /// Whatever the backend says: it is of no more use.
 pub(crate) fn step(local: &mut LocalSet) -> Result<bool, BackendError> {
-    if !std::mem::take(&mut local.needs_step) {
+    if !std::mem::take(&mut local.needs_step) && local.backend.is_settled() {
         return Ok(false);
     }
     local.backend.step()?;

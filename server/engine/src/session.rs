@@ -194,6 +194,7 @@ impl Session {
             settled: quality.settled,
             frames: self.frames,
             drift: self.views.iter().map(|view| view.drift).fold(0.0, f32::max),
+            audit_error: self.views.iter().map(|view| view.audit_error).fold(0.0, f32::max),
         }
     }
 }

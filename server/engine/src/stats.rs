@@ -14,6 +14,8 @@ pub struct IgnoredEvents {
     pub lights: u64,
     /// Tiles, or failures of tiles, that were not asked for.
     pub tiles: u64,
+    /// Choices of solvers that cannot be.
+    pub solvers: u64,
     /// Ticks whose time was not a number or before the last tick's.
     pub times: u64,
 }
@@ -22,7 +24,7 @@ impl IgnoredEvents {
     /// All of them.
     #[must_use]
     pub fn total(&self) -> u64 {
-        self.sessions + self.cameras + self.lights + self.tiles + self.times
+        self.sessions + self.cameras + self.lights + self.tiles + self.solvers + self.times
     }
 }
 
@@ -69,6 +71,8 @@ pub struct Counters {
     pub resolves: u64,
     /// Frames published.
     pub frames: u64,
+    /// Audits of a solver by the matrix.
+    pub audits: u64,
 }
 
 impl Counters {
@@ -82,6 +86,7 @@ impl Counters {
                 cameras: self.ignored.cameras - earlier.ignored.cameras,
                 lights: self.ignored.lights - earlier.ignored.lights,
                 tiles: self.ignored.tiles - earlier.ignored.tiles,
+                solvers: self.ignored.solvers - earlier.ignored.solvers,
                 times: self.ignored.times - earlier.ignored.times,
             },
             tiles_requested: self.tiles_requested - earlier.tiles_requested,
@@ -102,6 +107,7 @@ impl Counters {
             drift_probes: self.drift_probes - earlier.drift_probes,
             resolves: self.resolves - earlier.resolves,
             frames: self.frames - earlier.frames,
+            audits: self.audits - earlier.audits,
         }
     }
 }
@@ -168,6 +174,8 @@ pub struct SessionStats {
     pub frames: u64,
     /// Rounding of its matrix at the last probe, relative; 0 before the first.
     pub drift: f32,
+    /// Relative RMSE of its light against the matrix at the last audit, the worst level; 0 before the first.
+    pub audit_error: f32,
 }
 
 /// The engine at this moment.
@@ -184,6 +192,12 @@ pub struct EngineStats {
 }
 
 impl EngineStats {
+    /// The worst error that an audit found in any session.
+    #[must_use]
+    pub fn audit_error(&self) -> f32 {
+        self.sessions.iter().map(|session| session.audit_error).fold(0.0, f32::max)
+    }
+
     /// The worst drift of any session.
     #[must_use]
     pub fn drift(&self) -> f32 {

@@ -5,6 +5,7 @@
 use super::load::{ConfigError, read};
 use super::{BackendKind, Config, Secret};
 use crate::ServerError;
+use earthshine_engine::SolverName;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
@@ -26,6 +27,12 @@ pub struct ServeArgs {
     /// Who computes
     #[arg(long, env = "EARTHSHINE_BACKEND")]
     pub backend: Option<BackendKind>,
+    /// Solvers by level, finest first: matrix, gather, alias, cdf, progressive or hybrid
+    #[arg(long, env = "EARTHSHINE_SOLVER", value_name = "NAMES", value_delimiter = ',')]
+    pub solver: Vec<SolverName>,
+    /// Ticks between two audits of the solvers by the matrix; 0 for none
+    #[arg(long, env = "EARTHSHINE_AUDIT", value_name = "TICKS")]
+    pub audit: Option<u32>,
     /// Sessions at once
     #[arg(long, env = "EARTHSHINE_SESSIONS_MAX", value_name = "COUNT")]
     pub sessions_max: Option<u32>,
@@ -72,6 +79,8 @@ impl ServeArgs {
         put(&mut config.listen, self.listen);
         put(&mut config.admin_listen, self.admin_listen);
         put(&mut config.backend, self.backend);
+        put(&mut config.engine.solver.by_level, Some(self.solver).filter(|solvers| !solvers.is_empty()));
+        put(&mut config.engine.solver.audit_every_ticks, self.audit);
         put(&mut config.engine.sessions_max, self.sessions_max);
         put(&mut config.tick_rate_hz, self.tick_rate_hz);
         put(&mut config.loader_threads, self.loader_threads);

@@ -11,4 +11,5 @@ mod light_off;
 mod pyramid;
 mod residency;
 mod simulator;
+mod solvers;
 pub(crate) mod world;

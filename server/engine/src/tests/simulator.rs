@@ -7,7 +7,7 @@
 use super::backend::Faults;
 use super::harness::factory;
 use super::world::{Dice, RandomWorld, WorldShape};
-use crate::{Command, Engine, EngineConfig, Event, Frame, SessionId};
+use crate::{Command, Engine, EngineConfig, Event, Frame, SessionId, SolverConfig};
 use earthshine_world::{Camera, Chunk, ChunkId, Light, LightRig, Rgb, Sky, Vec3};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -60,6 +60,7 @@ impl Simulation {
             retries_max: dice.pick(&[0, 2, 50]),
             drift_probe_every_swaps: 20,
             drift_max: 1e-4,
+            solver: SolverConfig::default(),
         };
         let faults = Faults {
             weak_one_in: dice.pick(&[0, 0, 5]),

@@ -3,11 +3,15 @@
 //! A matrix is kept only while a method or an audit asks for it. Where it has to be made for patches that are there
 //! already, that takes some steps, [`MATRIX_ADDS_A_STEP`] patches each; the method before goes on meanwhile.
 
+mod advance;
+mod matrix;
+mod residents;
+
 use super::links::LinkRows;
 use super::sampler::RowSampler;
-use super::shooting::{self, ShotStats, Unshot};
-use super::temporal::{RowNoise, Scene};
-use super::{Light, Method, SolverSettings, guard, remainder, rgb, step_gather, temporal};
+use super::shooting::{ShotStats, Unshot};
+use super::temporal::RowNoise;
+use super::{Light, Method, SolverSettings, guard, rgb};
 use crate::backend::{ApplyStats, Backend, BackendError, MIN_PIVOT, Repaired, Slot, StepStats, Update};
 use crate::tables::{AliasTable, CdfTable};
 use crate::update_check::UpdateCheck;
@@ -72,17 +76,19 @@ impl std::fmt::Debug for SolverBackend {
 }
 
 impl SolverBackend {
-    /// Empty, for `capacity` slots. `make_matrix` is called once a matrix is wanted.
+    /// Empty, for `capacity` slots. `make_matrix` is called once a matrix is wanted: if that is at once and it has fewer
+    /// slots, so has this.
     ///
     /// # Errors
     /// [`BackendError::Settings`], or what `make_matrix` says.
     pub fn new(
         capacity: u32,
         settings: SolverSettings,
-        make_matrix: MatrixFactory,
+        mut make_matrix: MatrixFactory,
     ) -> Result<Self, BackendError> {
         settings.validate()?;
-        let slots = capacity as usize;
+        let matrix = if settings.method == Method::Matrix { Some(make_matrix(capacity)?) } else { None };
+        let slots = matrix.as_ref().map_or(capacity, |matrix| matrix.capacity()) as usize;
         let dark = vec![[0.0; 4]; slots];
         let mut backend = Self {
             settings,
@@ -92,7 +98,7 @@ impl SolverBackend {
             irradiance: dark.clone(),
             state: State::Gather { is_settled: true },
             make_matrix,
-            matrix: None,
+            matrix,
             is_audited: false,
             is_matrix_behind: false,
             interest: None,
@@ -135,118 +141,16 @@ impl SolverBackend {
 
     fn choose(&mut self, settings: SolverSettings) -> Result<(), BackendError> {
         settings.validate()?;
-        self.settings = settings;
         if settings.method == Method::Matrix {
             self.matrix_wanted()?;
+            self.settings = settings;
             self.enter_matrix_if_whole()?;
         } else if settings.method != self.method() {
             self.leave_matrix();
             self.enter(settings.method);
         }
+        self.settings = settings;
         self.changed = true;
-        Ok(())
-    }
-
-    fn matrix_wanted(&mut self) -> Result<(), BackendError> {
-        if self.matrix.is_none() {
-            let capacity = self.capacity();
-            let mut matrix = (self.make_matrix)(capacity)?;
-            matrix.set_interest(self.interest.as_deref())?;
-            self.matrix = Some(matrix);
-            self.is_matrix_behind = true;
-        }
-        Ok(())
-    }
-
-    fn leave_matrix(&mut self) {
-        if !self.is_audited {
-            self.matrix = None;
-        }
-    }
-
-    fn enter(&mut self, method: Method) {
-        let slots = self.links.capacity();
-        let noise = || vec![RowNoise::default(); slots];
-        // What a hybrid has estimated is part of the light that was published.
-        if let State::Hybrid(_, _, rest) = &self.state {
-            for (irradiance, rest) in self.irradiance.iter_mut().zip(rest) {
-                super::add_scaled(irradiance, 1.0, rest);
-            }
-        }
-        let mut begin = || shooting::begin(&self.links, &self.direct, &self.outside, &mut self.irradiance);
-        self.state = match method {
-            Method::Matrix => State::Matrix,
-            Method::Gather => State::Gather { is_settled: false },
-            Method::Alias => State::Alias(RowSampler::new(&self.links), noise()),
-            Method::Cdf => State::Cdf(RowSampler::new(&self.links), noise()),
-            Method::Progressive => State::Progressive(begin()),
-            Method::Hybrid => State::Hybrid(begin(), RowSampler::new(&self.links), vec![[0.0; 4]; slots]),
-        };
-    }
-
-    /// Brings patches that the matrix lacks into it. Returns whether it is whole.
-    fn complete_matrix(&mut self) -> Result<bool, BackendError> {
-        let Some(matrix) = &mut self.matrix else { return Ok(false) };
-        let links = &self.links;
-        let missing = (0..links.capacity())
-            .filter(|&slot| links.is_taken(slot) && !matrix.is_taken(Slot(slot as u32)))
-            .take(MATRIX_ADDS_A_STEP);
-        let mut entering = vec![false; links.capacity()];
-        let mut updates = Vec::new();
-        for slot in missing {
-            entering[slot] = true;
-            let is_there = |other: u32| entering[other as usize] || matrix.is_taken(Slot(other));
-            let (mut row, mut column) = (Vec::new(), Vec::new());
-            for link in links.row(slot).iter().filter(|link| is_there(link.slot)) {
-                let other = Slot(link.slot);
-                row.push((other, link.share));
-                if link.slot as usize != slot {
-                    let back = link.share * links.area(slot) / links.area(link.slot as usize);
-                    column.push((other, back.min(1.0)));
-                }
-            }
-            let (area, reflectance) = (links.area(slot), links.reflectance(slot));
-            updates.push(Update::Add { slot: Slot(slot as u32), reflectance, area, row, column });
-        }
-        if updates.is_empty() {
-            return Ok(true);
-        }
-        self.is_matrix_behind = true;
-        let stats = matrix.apply(&updates)?;
-        if stats.weak_pivots > 0 {
-            // It would be offered for ever. Light of a loop without loss is of no use to anyone.
-            let refused: Vec<Update> = updates
-                .iter()
-                .filter_map(|update| match update {
-                    Update::Add { slot, .. } if !matrix.is_taken(*slot) => Some(Update::Remove { slot: *slot }),
-                    _ => None,
-                })
-                .collect();
-            self.apply_to_links(&refused);
-        }
-        Ok(false)
-    }
-
-    fn enter_matrix_if_whole(&mut self) -> Result<(), BackendError> {
-        if self.settings.method == Method::Matrix
-            && self.method() != Method::Matrix
-            && self.complete_matrix()?
-        {
-            self.tell_matrix()?;
-            self.state = State::Matrix;
-        }
-        Ok(())
-    }
-
-    /// Hands the matrix all sources if it may lack some.
-    fn tell_matrix(&mut self) -> Result<(), BackendError> {
-        let Some(matrix) = &mut self.matrix else { return Ok(()) };
-        if std::mem::take(&mut self.is_matrix_behind) {
-            let slots: Vec<Slot> =
-                (0..self.links.capacity() as u32).map(Slot).filter(|&slot| matrix.is_taken(slot)).collect();
-            let pick = |of: &[Light]| -> Vec<Rgb> { slots.iter().map(|slot| rgb(of[slot.0 as usize])).collect() };
-            matrix.set_sources(&slots, &pick(&self.direct), &pick(&self.outside))?;
-        }
         Ok(())
     }
 
@@ -258,137 +162,6 @@ impl SolverBackend {
         }
     }
 
-    fn apply_to_links(&mut self, updates: &[Update]) {
-        for update in updates {
-            match update {
-                Update::Add { slot, reflectance, area, row, column: _ } => {
-                    let at = slot.0 as usize;
-                    let entries = row.iter().map(|&(other, share)| (other.0 as usize, share));
-                    self.links.add(at, *area, *reflectance, entries);
-                    self.welcome(at);
-                }
-                Update::Remove { slot } if self.links.is_taken(slot.0 as usize) => self.dismiss(slot.0 as usize),
-                Update::Remove { .. } => {}
-            }
-        }
-        self.changed |= !updates.is_empty();
-    }
-
-    /// Light on a patch that has just entered: what the others send.
-    fn welcome(&mut self, slot: usize) {
-        let unshot = match &self.state {
-            State::Progressive(unshot) | State::Hybrid(unshot, ..) => Some(&unshot.exitance),
-            _ => None,
-        };
-        let mut arriving = [0.0; 4];
-        for link in self.links.row(slot) {
-            let other = link.slot as usize;
-            let kept = unshot.map_or([0.0; 4], |unshot| unshot[other]);
-            let sent = shooting::sent(&self.links, other, &self.direct[other], &self.irradiance[other], &kept);
-            super::add_scaled(&mut arriving, link.share, &sent);
-        }
-        self.irradiance[slot] = arriving;
-        let reflectance = super::light(self.links.reflectance(slot));
-        let links = &self.links;
-        let neighbours = || links.row(slot).iter().map(|link| link.slot as usize).chain([slot]);
-        match &mut self.state {
-            State::Alias(sampler, noise) => {
-                neighbours().for_each(|row| sampler.outdate(row));
-                noise[slot] = RowNoise::default();
-            }
-            State::Cdf(sampler, noise) => {
-                neighbours().for_each(|row| sampler.outdate(row));
-                noise[slot] = RowNoise::default();
-            }
-            State::Progressive(unshot) => unshot.change(reflectance, slot, [0.0; 4], arriving),
-            State::Hybrid(unshot, sampler, rest) => {
-                neighbours().for_each(|row| sampler.outdate(row));
-                unshot.change(reflectance, slot, [0.0; 4], arriving);
-                rest[slot] = [0.0; 4];
-            }
-            State::Matrix | State::Gather { .. } => {}
-        }
-    }
-
-    fn dismiss(&mut self, slot: usize) {
-        if let State::Progressive(unshot) | State::Hybrid(unshot, ..) = &mut self.state {
-            let (direct, light) = (&self.direct[slot], &self.irradiance[slot]);
-            let sent = shooting::sent(&self.links, slot, direct, light, &unshot.exitance[slot]);
-            unshot.leave(&self.links, slot, &sent);
-        }
-        let gone = self.links.remove(slot);
-        let neighbours = || gone.iter().map(|link| link.slot as usize);
-        match &mut self.state {
-            State::Alias(sampler, _) => sampler.forget(slot, neighbours()),
-            State::Cdf(sampler, _) => sampler.forget(slot, neighbours()),
-            State::Hybrid(_, sampler, rest) => {
-                sampler.forget(slot, neighbours());
-                rest[slot] = [0.0; 4];
-            }
-            _ => {}
-        }
-        for light in [&mut self.direct, &mut self.outside, &mut self.irradiance] {
-            light[slot] = [0.0; 4];
-        }
-    }
-
-    /// What leaves each patch, and what a draw of the outside brings it.
-    fn prepare_draws(&mut self, shares: &mut Vec<f32>) {
-        for slot in 0..self.links.capacity() {
-            let (direct, light) = (&self.direct[slot], &self.irradiance[slot]);
-            self.sent[slot] = shooting::sent(&self.links, slot, direct, light, &[0.0; 4]);
-            let outside = self.outside[slot];
-            self.drawn_outside[slot] = if outside == [0.0; 4] {
-                outside
-            } else {
-                let share = self.links.outside_share(slot, shares);
-                // A row that sees residents only has nothing from outside but rounding.
-                outside.map(|light| if share > 0.0 { light / share } else { 0.0 })
-            };
-        }
-    }
-
-    fn advance(&mut self) -> Result<(), BackendError> {
-        let settings = self.settings;
-        let budget = settings.rebuild_items_per_step;
-        let shots = u64::from(settings.shot_links_per_patch) * self.links.taken_count() as u64;
-        if matches!(self.state, State::Alias(..) | State::Cdf(..) | State::Gather { .. }) {
-            self.prepare_draws(&mut Vec::new());
-        }
-        let scene = Scene { sent: &self.sent, outside: &self.drawn_outside };
-        match &mut self.state {
-            State::Matrix => {}
-            State::Gather { is_settled } => {
-                let mut next = vec![[0.0; 4]; self.links.capacity()];
-                step_gather::bounce(&self.links, &self.sent, &self.outside, &mut next);
-                *is_settled = step_gather::change(&self.irradiance, &next) < GATHER_SETTLED;
-                self.irradiance = next;
-            }
-            State::Alias(sampler, noise) => {
-                sampler.rebuild(&self.links, budget)?;
-                temporal::step(&self.links, sampler, scene, &settings, self.frame, noise, &mut self.irradiance);
-            }
-            State::Cdf(sampler, noise) => {
-                sampler.rebuild(&self.links, budget)?;
-                temporal::step(&self.links, sampler, scene, &settings, self.frame, noise, &mut self.irradiance);
-            }
-            State::Progressive(unshot) => {
-                self.last_shot =
-                    unshot.step(&self.links, &self.direct, &self.outside, shots, &mut self.irradiance);
-            }
-            State::Hybrid(unshot, sampler, rest) => {
-                sampler.rebuild(&self.links, budget)?;
-                self.last_shot =
-                    unshot.step(&self.links, &self.direct, &self.outside, shots, &mut self.irradiance);
-                if self.last_shot.unshot_share > remainder::UNSHOT_MIN && !unshot.is_settled {
-                    remainder::step(&self.links, sampler, &unshot.exitance, &settings, self.frame, rest);
-                } else if self.last_shot.unshot_share <= remainder::UNSHOT_MIN {
-                    rest.fill([0.0; 4]);
-                }
-            }
-        }
-        Ok(())
-    }
 }
 
 impl Backend for SolverBackend {
@@ -401,14 +174,16 @@ impl Backend for SolverBackend {
         if matches!(self.state, State::Matrix) {
             let matrix = self.matrix.as_mut().expect("the matrix method has a matrix");
             let stats = matrix.apply(updates)?;
-            let is_in = |update: &&Update| !matches!(update, Update::Add { slot, .. } if !matrix.is_taken(*slot));
+            let is_in =
+                |update: &&Update| !matches!(update, Update::Add { slot, .. } if !matrix.is_taken(*slot));
             // Who was refused has no links either.
             let taken: Vec<Update> = updates.iter().filter(is_in).cloned().collect();
             self.apply_to_links(&taken);
             return Ok(stats);
         }
         if let Some(matrix) = &mut self.matrix {
-            let leaving = |update: &&Update| matches!(update, Update::Remove { slot } if matrix.is_taken(*slot));
+            let leaving =
+                |update: &&Update| matches!(update, Update::Remove { slot } if matrix.is_taken(*slot));
             let leaving: Vec<Update> = updates.iter().filter(leaving).cloned().collect();
             matrix.apply(&leaving)?;
         }
@@ -416,7 +191,8 @@ impl Backend for SolverBackend {
         for update in updates {
             match update {
                 Update::Add { slot, reflectance, row, .. } => {
-                    let own: f32 = row.iter().filter(|(other, _)| other == slot).map(|(_, share)| share).sum();
+                    let own: f32 =
+                        row.iter().filter(|(other, _)| other == slot).map(|(_, share)| share).sum();
                     if 1.0 - reflectance.max_element() * own < MIN_PIVOT {
                         stats.weak_pivots += 1;
                         continue;
@@ -529,8 +305,10 @@ impl Backend for SolverBackend {
     fn set_solver(&mut self, settings: &SolverSettings) -> Result<bool, BackendError> {
         if *settings != self.settings {
             if let (State::Matrix, Some(matrix)) = (&self.state, &mut self.matrix) {
-                let slots: Vec<Slot> =
-                    (0..self.links.capacity() as u32).map(Slot).filter(|&slot| matrix.is_taken(slot)).collect();
+                let slots: Vec<Slot> = (0..self.links.capacity() as u32)
+                    .map(Slot)
+                    .filter(|&slot| matrix.is_taken(slot))
+                    .collect();
                 let mut light = vec![Rgb::ZERO; slots.len()];
                 matrix.read_irradiance(&slots, &mut light)?;
                 for (slot, light) in slots.iter().zip(light) {

@@ -88,7 +88,13 @@ impl LinkRows {
     }
 
     /// A patch enters a free slot. `row` names taken slots, itself included; twice named, shares add up.
-    pub(crate) fn add(&mut self, slot: usize, area: f32, reflectance: Rgb, row: impl Iterator<Item = (usize, f32)>) {
+    pub(crate) fn add(
+        &mut self,
+        slot: usize,
+        area: f32,
+        reflectance: Rgb,
+        row: impl Iterator<Item = (usize, f32)>,
+    ) {
         self.areas[slot] = area;
         self.reflectance[slot] = reflectance;
         self.taken_count += 1;
@@ -136,8 +142,10 @@ mod tests {
         let room = ClosedBox::new(60, 4);
         let mut rows = LinkRows::new(60);
         let enter = |rows: &mut LinkRows, i: usize| {
-            let there: Vec<(usize, f32)> =
-                (0..60).filter(|&j| j == i || rows.is_taken(j)).map(|j| (j, room.form_factor(i, j))).collect();
+            let there: Vec<(usize, f32)> = (0..60)
+                .filter(|&j| j == i || rows.is_taken(j))
+                .map(|j| (j, room.form_factor(i, j)))
+                .collect();
             rows.add(i, room.area(i), room.reflectance(i), there.into_iter());
         };
         (0..60).for_each(|i| enter(&mut rows, i));

@@ -86,7 +86,8 @@ impl<T: RowTable + Clone> RowSampler<T> {
     /// The patch in `slot` leaves; `neighbours` have it in their rows.
     pub(crate) fn forget(&mut self, slot: usize, neighbours: impl Iterator<Item = usize>) {
         for neighbour in neighbours.filter(|&neighbour| neighbour != slot) {
-            for outcome in self.rows[neighbour].outcomes.iter_mut().filter(|outcome| **outcome == slot as u32) {
+            for outcome in self.rows[neighbour].outcomes.iter_mut().filter(|outcome| **outcome == slot as u32)
+            {
                 *outcome = OUTSIDE;
             }
             self.outdate(neighbour);

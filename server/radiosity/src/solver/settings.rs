@@ -25,6 +25,12 @@ impl Method {
     pub const ALL: [Self; 6] =
         [Self::Matrix, Self::Gather, Self::Alias, Self::Cdf, Self::Progressive, Self::Hybrid];
 
+    /// Whether it goes on for ever, with noise, when nothing changes.
+    #[must_use]
+    pub const fn is_endless(self) -> bool {
+        matches!(self, Self::Alias | Self::Cdf)
+    }
+
     /// As in configuration and figures.
     #[must_use]
     pub const fn name(self) -> &'static str {

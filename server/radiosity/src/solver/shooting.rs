@@ -56,6 +56,7 @@ pub struct Unshot {
     scale: f32,
     refresh_cursor: usize,
     quiet_frames: u32,
+    /// Whether nothing that matters is left to shoot.
     pub is_settled: bool,
 }
 
@@ -241,13 +242,7 @@ impl Unshot {
 }
 
 /// `B - r` of a patch.
-pub fn sent(
-    links: &LinkRows,
-    slot: usize,
-    direct: &Light,
-    irradiance: &Light,
-    unshot: &Light,
-) -> Light {
+pub fn sent(links: &LinkRows, slot: usize, direct: &Light, irradiance: &Light, unshot: &Light) -> Light {
     let reflectance = super::light(links.reflectance(slot));
     std::array::from_fn(|c| direct[c] + reflectance[c] * irradiance[c] - unshot[c])
 }
@@ -258,16 +253,12 @@ fn class_of(importance: f32) -> usize {
 }
 
 /// What changing to shooting takes: one bounce of all rows, after which what has been sent is known exactly.
-pub fn begin(
-    links: &LinkRows,
-    direct: &[Light],
-    outside: &[Light],
-    irradiance: &mut [Light],
-) -> Unshot {
+pub fn begin(links: &LinkRows, direct: &[Light], outside: &[Light], irradiance: &mut [Light]) -> Unshot {
     let mut unshot = Unshot::new(links.capacity());
     let none = [0.0; 4];
-    let leaving: Vec<Light> =
-        (0..links.capacity()).map(|slot| sent(links, slot, &direct[slot], &irradiance[slot], &none)).collect();
+    let leaving: Vec<Light> = (0..links.capacity())
+        .map(|slot| sent(links, slot, &direct[slot], &irradiance[slot], &none))
+        .collect();
     let mut next = vec![none; links.capacity()];
     step_gather::bounce(links, &leaving, outside, &mut next);
     for slot in 0..links.capacity() {

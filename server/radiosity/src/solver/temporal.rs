@@ -30,7 +30,7 @@ const MOVED: f32 = 4.0;
 const AGE_AFTER_MOVE: f32 = 3.0;
 
 /// What draws of one frame look at, by slot.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 pub struct Scene<'a> {
     /// What leaves each patch.
     pub sent: &'a [Light],

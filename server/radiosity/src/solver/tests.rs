@@ -307,7 +307,8 @@ fn a_stale_row_looks_outside_for_who_has_left() {
     let rebuilt = sampler.rebuild(pair.backend.links(), u32::MAX).expect("sound rows");
     assert_eq!((rebuilt.rows, rebuilt.waiting), (COUNT, 0));
     let gone = pair.streamed.taken()[7].0 as usize;
-    let neighbours: Vec<usize> = pair.backend.links().row(gone).iter().map(|link| link.slot as usize).collect();
+    let neighbours: Vec<usize> =
+        pair.backend.links().row(gone).iter().map(|link| link.slot as usize).collect();
     pair.backend.apply(&[Update::Remove { slot: Slot(gone as u32) }]).expect("resident");
     sampler.forget(gone, neighbours.iter().copied());
     for &row in neighbours.iter().filter(|&&row| row != gone) {
@@ -355,7 +356,9 @@ fn a_patch_that_sees_nothing_has_the_light_from_outside() {
         let (row, column, reflectance) = (Vec::new(), Vec::new(), Rgb::splat(0.5));
         backend.apply(&[Update::Add { slot: Slot(1), reflectance, area: 2.0, row, column }]).expect("free");
         backend.set_sources(&[Slot(1)], &[Rgb::ONE], &[Rgb::splat(3.0)]).expect("taken");
-        (0..10).for_each(|_| drop(backend.step().expect("the CPU steps")));
+        for _ in 0..10 {
+            backend.step().expect("the CPU steps");
+        }
         let light = read(&mut backend, &[Slot(1)])[0];
         assert!((light - Rgb::splat(3.0)).length() < 1e-5, "{method}: {light}");
     }

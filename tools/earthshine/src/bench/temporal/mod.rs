@@ -173,7 +173,13 @@ fn error_chart(scene: &str, solvers: &[Response]) -> Chart {
 
 fn print_text(figures: &Figures) {
     let frames = |frames: Option<u32>| frames.map_or_else(|| "more".to_owned(), |frames| frames.to_string());
-    out!("{} patches, {} form factors, k {}, w {}", figures.patches, figures.nonzeros, figures.k, figures.history_weight);
+    out!(
+        "{} patches, {} form factors, k {}, w {}",
+        figures.patches,
+        figures.nonzeros,
+        figures.k,
+        figures.history_weight
+    );
     out!("\n{:<12} {:>10} {:>10} {:>10} {:>12}", "solver", "to 90 %", "to 99 %", "noise", "steady");
     for solver in &figures.solvers {
         out!(

@@ -61,7 +61,8 @@ pub(super) fn measure(
         }
         if subset.backend.is_settled() {
             to_rest = Some(frame);
-            noise = f64::from(NOISE_FRAMES) * rel_rmse(&light, &subset.light_after, |at| subset.light_after[at]);
+            noise =
+                f64::from(NOISE_FRAMES) * rel_rmse(&light, &subset.light_after, |at| subset.light_after[at]);
             curve.push((frame, left));
             break;
         }

@@ -68,7 +68,8 @@ impl Subset {
         const FAR: u32 = u32::MAX;
         let mut slot_of = vec![FAR; lit.areas.len()];
         patches.iter().zip(0..).for_each(|(&patch, slot)| slot_of[patch as usize] = slot);
-        let make = |slots| Ok(Box::new(CpuBackend::new(slots).expect("not asked for here")) as Box<dyn Backend>);
+        let make =
+            |slots| Ok(Box::new(CpuBackend::new(slots).expect("not asked for here")) as Box<dyn Backend>);
         let settings = SolverSettings { method: Method::Gather, ..SolverSettings::default() };
         let mut backend = SolverBackend::new(patches.len() as u32, settings, Box::new(make))?;
         for (slot, &patch) in (0u32..).zip(&patches) {

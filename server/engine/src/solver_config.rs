@@ -1,0 +1,171 @@
+//! Which solver lights each level, and how much work it may do: [`SolverConfig`].
+
+use crate::config::ConfigError;
+use earthshine_radiosity::solver::{Method, SettingsError, SolverSettings};
+
+/// A solver by its name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SolverName {
+    /// The dense multibounce matrix.
+    #[default]
+    Matrix,
+    /// The iterated sparse product, a bounce a tick.
+    Gather,
+    /// Temporal radiosity with alias tables.
+    Alias,
+    /// Temporal radiosity with cumulative tables and systematic draws.
+    Cdf,
+    /// Progressive shooting.
+    Progressive,
+    /// Shooting, and draws for what is not shot yet.
+    Hybrid,
+}
+
+impl SolverName {
+    /// The method it stands for.
+    #[must_use]
+    pub fn method(self) -> Method {
+        match self {
+            Self::Matrix => Method::Matrix,
+            Self::Gather => Method::Gather,
+            Self::Alias => Method::Alias,
+            Self::Cdf => Method::Cdf,
+            Self::Progressive => Method::Progressive,
+            Self::Hybrid => Method::Hybrid,
+        }
+    }
+}
+
+impl std::str::FromStr for SolverName {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        let all = [Self::Matrix, Self::Gather, Self::Alias, Self::Cdf, Self::Progressive, Self::Hybrid];
+        all.into_iter()
+            .find(|solver| solver.method().name() == name)
+            .ok_or_else(|| format!("{name:?} is not matrix, gather, alias, cdf, progressive or hybrid"))
+    }
+}
+
+/// Solvers of all levels. May change at run time: light goes on from where it is.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SolverConfig {
+    /// The solver of each level, finest first; the last serves all further levels. At least one.
+    ///
+    /// - `matrix`: exact at once; memory and the time of a swap grow with the square of the patches.
+    /// - `hybrid`: for more patches than a matrix fits; a change of light takes a few ticks, still light costs nothing.
+    pub by_level: Vec<SolverName>,
+    /// Draws a row and tick (k) of `alias`, `cdf` and `hybrid`, 1 to 4096. Higher: less noise, longer ticks.
+    pub samples_per_row: u32,
+    /// Weight of the past (w) in `alias` and `cdf`, at least 0, below 1. Higher: less noise, light lags longer.
+    pub history_weight: f32,
+    /// Whether draws and weight follow the measured variance of each row.
+    pub adaptive: bool,
+    /// Table items that a view rebuilds a tick after patches came or went, at least 1. Lower: rows draw from old tables
+    /// for longer; they stay true, but for newcomers.
+    pub table_items_per_tick_max: u32,
+    /// Form factors that `progressive` and `hybrid` shoot over a tick, for each resident patch, at least 1.
+    ///
+    /// - Higher: a change of light arrives in fewer ticks.
+    /// - Lower: shorter ticks while light changes.
+    pub shot_links_per_patch: u32,
+    /// Ticks between two audits, in which a matrix solves the same light and the difference is exported; 0 for none.
+    ///
+    /// An audited view holds the matrix as well: memory and the time of swaps are those of both.
+    pub audit_every_ticks: u32,
+}
+
+impl Default for SolverConfig {
+    fn default() -> Self {
+        let settings = SolverSettings::default();
+        Self {
+            by_level: vec![SolverName::Matrix],
+            samples_per_row: settings.samples_per_row,
+            history_weight: settings.history_weight,
+            adaptive: settings.adaptive,
+            table_items_per_tick_max: settings.rebuild_items_per_step,
+            shot_links_per_patch: settings.shot_links_per_patch,
+            audit_every_ticks: 0,
+        }
+    }
+}
+
+impl SolverConfig {
+    /// What the backend of a view of `level` is told.
+    #[must_use]
+    pub fn settings(&self, level: u8, seed: u64) -> SolverSettings {
+        let solver = self.by_level.get(usize::from(level)).or(self.by_level.last()).copied();
+        SolverSettings {
+            method: solver.unwrap_or_default().method(),
+            seed: seed as u32,
+            samples_per_row: self.samples_per_row,
+            history_weight: self.history_weight,
+            adaptive: self.adaptive,
+            rebuild_items_per_step: self.table_items_per_tick_max,
+            shot_links_per_patch: self.shot_links_per_patch,
+        }
+    }
+
+    /// Checks every key against its range.
+    ///
+    /// # Errors
+    /// The first key that is out of it.
+    pub fn validate(&self) -> Result<(), ConfigError> {
+        let error = |key, value: String, cause| Err(ConfigError { key, value, cause });
+        if self.by_level.is_empty() {
+            return error("solver.by_level", "[]".to_owned(), "it has to name a solver at least");
+        }
+        match self.settings(0, 0).validate() {
+            Ok(()) => Ok(()),
+            Err(SettingsError::Samples(k)) => {
+                error("solver.samples_per_row", k.to_string(), "it has to be between 1 and 4096")
+            }
+            Err(SettingsError::HistoryWeight(w)) => {
+                error("solver.history_weight", w.to_string(), "it has to be at least 0 and below 1")
+            }
+            Err(SettingsError::RebuildItems) => {
+                error("solver.table_items_per_tick_max", "0".to_owned(), "it has to be at least 1")
+            }
+            Err(SettingsError::ShotLinks) => {
+                error("solver.shot_links_per_patch", "0".to_owned(), "it has to be at least 1")
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_impossible_value_is_refused_by_name() {
+        type Spoil = fn(&mut SolverConfig);
+        let cases: [(&str, Spoil); 7] = [
+            ("solver.by_level", |c| c.by_level.clear()),
+            ("solver.samples_per_row", |c| c.samples_per_row = 0),
+            ("solver.history_weight", |c| c.history_weight = 1.0),
+            ("solver.history_weight", |c| c.history_weight = -0.5),
+            ("solver.history_weight", |c| c.history_weight = f32::NAN),
+            ("solver.table_items_per_tick_max", |c| c.table_items_per_tick_max = 0),
+            ("solver.shot_links_per_patch", |c| c.shot_links_per_patch = 0),
+        ];
+        for (key, spoil) in cases {
+            let mut config = SolverConfig::default();
+            config.validate().unwrap();
+            spoil(&mut config);
+            assert_eq!(config.validate().unwrap_err().key, key);
+        }
+    }
+
+    #[test]
+    fn levels_beyond_the_list_use_its_last_solver() {
+        let config: SolverConfig = toml::from_str("by_level = [\"hybrid\", \"matrix\"]").unwrap();
+        let method = |level| config.settings(level, 1).method;
+        assert_eq!([method(0), method(1), method(9)], [Method::Hybrid, Method::Matrix, Method::Matrix]);
+        assert!(toml::from_str::<SolverConfig>("by_level = [\"radiosity\"]").is_err());
+        assert!("hybrid".parse::<SolverName>() == Ok(SolverName::Hybrid));
+        assert!("magic".parse::<SolverName>().unwrap_err().contains("progressive"));
+    }
+}

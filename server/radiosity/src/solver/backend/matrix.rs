@@ -1,0 +1,99 @@
+//! The matrix beside the rows: made when a method or an audit wants it, a few patches a step, and told of sources.
+
+use super::{MATRIX_ADDS_A_STEP, SolverBackend, State};
+use crate::backend::{Backend, BackendError, Slot, Update};
+use crate::local_matrix::LocalMatrix;
+use crate::solver::{Light, Method, rgb};
+use earthshine_world::Rgb;
+
+impl SolverBackend {
+    pub(super) fn matrix_wanted(&mut self) -> Result<(), BackendError> {
+        if self.matrix.is_none() {
+            let capacity = self.capacity();
+            let mut matrix = (self.make_matrix)(capacity)?;
+            if matrix.capacity() < capacity {
+                let bytes = LocalMatrix::bytes(capacity);
+                return Err(BackendError::OutOfMemory { slots: capacity, bytes });
+            }
+            matrix.set_interest(self.interest.as_deref())?;
+            self.matrix = Some(matrix);
+            self.is_matrix_behind = true;
+        }
+        Ok(())
+    }
+
+    pub(super) fn leave_matrix(&mut self) {
+        if !self.is_audited {
+            self.matrix = None;
+        }
+    }
+
+    /// Brings patches that the matrix lacks into it. Returns whether it is whole.
+    pub(super) fn complete_matrix(&mut self) -> Result<bool, BackendError> {
+        let Some(matrix) = &mut self.matrix else { return Ok(false) };
+        let links = &self.links;
+        let missing = (0..links.capacity())
+            .filter(|&slot| links.is_taken(slot) && !matrix.is_taken(Slot(slot as u32)))
+            .take(MATRIX_ADDS_A_STEP);
+        let mut entering = vec![false; links.capacity()];
+        let mut updates = Vec::new();
+        for slot in missing {
+            entering[slot] = true;
+            let is_there = |other: u32| entering[other as usize] || matrix.is_taken(Slot(other));
+            let (mut row, mut column) = (Vec::new(), Vec::new());
+            for link in links.row(slot).iter().filter(|link| is_there(link.slot)) {
+                let other = Slot(link.slot);
+                row.push((other, link.share));
+                if link.slot as usize != slot {
+                    let back = link.share * links.area(slot) / links.area(link.slot as usize);
+                    column.push((other, back.min(1.0)));
+                }
+            }
+            let (area, reflectance) = (links.area(slot), links.reflectance(slot));
+            updates.push(Update::Add { slot: Slot(slot as u32), reflectance, area, row, column });
+        }
+        if updates.is_empty() {
+            return Ok(true);
+        }
+        self.is_matrix_behind = true;
+        let stats = matrix.apply(&updates)?;
+        if stats.weak_pivots > 0 {
+            // It would be offered for ever. Light of a loop without loss is of no use to anyone.
+            let refused: Vec<Update> = updates
+                .iter()
+                .filter_map(|update| match update {
+                    Update::Add { slot, .. } if !matrix.is_taken(*slot) => {
+                        Some(Update::Remove { slot: *slot })
+                    }
+                    _ => None,
+                })
+                .collect();
+            self.apply_to_links(&refused);
+        }
+        Ok(false)
+    }
+
+    pub(super) fn enter_matrix_if_whole(&mut self) -> Result<(), BackendError> {
+        if self.settings.method == Method::Matrix
+            && self.method() != Method::Matrix
+            && self.complete_matrix()?
+        {
+            self.tell_matrix()?;
+            self.state = State::Matrix;
+        }
+        Ok(())
+    }
+
+    /// Hands the matrix all sources if it may lack some.
+    pub(super) fn tell_matrix(&mut self) -> Result<(), BackendError> {
+        let Some(matrix) = &mut self.matrix else { return Ok(()) };
+        if std::mem::take(&mut self.is_matrix_behind) {
+            let slots: Vec<Slot> =
+                (0..self.links.capacity() as u32).map(Slot).filter(|&slot| matrix.is_taken(slot)).collect();
+            let pick =
+                |of: &[Light]| -> Vec<Rgb> { slots.iter().map(|slot| rgb(of[slot.0 as usize])).collect() };
+            matrix.set_sources(&slots, &pick(&self.direct), &pick(&self.outside))?;
+        }
+        Ok(())
+    }
+}

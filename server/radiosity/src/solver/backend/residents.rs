@@ -1,0 +1,85 @@
+//! Who comes and goes: rows, light and what each method keeps of a patch.
+
+use super::{SolverBackend, State};
+use crate::backend::Update;
+use crate::solver::shooting;
+use crate::solver::temporal::RowNoise;
+
+impl SolverBackend {
+    pub(super) fn apply_to_links(&mut self, updates: &[Update]) {
+        for update in updates {
+            match update {
+                Update::Add { slot, reflectance, area, row, column: _ } => {
+                    let at = slot.0 as usize;
+                    let entries = row.iter().map(|&(other, share)| (other.0 as usize, share));
+                    self.links.add(at, *area, *reflectance, entries);
+                    self.welcome(at);
+                }
+                Update::Remove { slot } if self.links.is_taken(slot.0 as usize) => {
+                    self.dismiss(slot.0 as usize)
+                }
+                Update::Remove { .. } => {}
+            }
+        }
+        self.changed |= !updates.is_empty();
+    }
+
+    /// Light on a patch that has just entered: what the others send.
+    pub(super) fn welcome(&mut self, slot: usize) {
+        let unshot = match &self.state {
+            State::Progressive(unshot) | State::Hybrid(unshot, ..) => Some(&unshot.exitance),
+            _ => None,
+        };
+        let mut arriving = [0.0; 4];
+        for link in self.links.row(slot) {
+            let other = link.slot as usize;
+            let kept = unshot.map_or([0.0; 4], |unshot| unshot[other]);
+            let sent =
+                shooting::sent(&self.links, other, &self.direct[other], &self.irradiance[other], &kept);
+            crate::solver::add_scaled(&mut arriving, link.share, &sent);
+        }
+        self.irradiance[slot] = arriving;
+        let reflectance = crate::solver::light(self.links.reflectance(slot));
+        let links = &self.links;
+        let neighbours = || links.row(slot).iter().map(|link| link.slot as usize).chain([slot]);
+        match &mut self.state {
+            State::Alias(sampler, noise) => {
+                neighbours().for_each(|row| sampler.outdate(row));
+                noise[slot] = RowNoise::default();
+            }
+            State::Cdf(sampler, noise) => {
+                neighbours().for_each(|row| sampler.outdate(row));
+                noise[slot] = RowNoise::default();
+            }
+            State::Progressive(unshot) => unshot.change(reflectance, slot, [0.0; 4], arriving),
+            State::Hybrid(unshot, sampler, rest) => {
+                neighbours().for_each(|row| sampler.outdate(row));
+                unshot.change(reflectance, slot, [0.0; 4], arriving);
+                rest[slot] = [0.0; 4];
+            }
+            State::Matrix | State::Gather { .. } => {}
+        }
+    }
+
+    pub(super) fn dismiss(&mut self, slot: usize) {
+        if let State::Progressive(unshot) | State::Hybrid(unshot, ..) = &mut self.state {
+            let (direct, light) = (&self.direct[slot], &self.irradiance[slot]);
+            let sent = shooting::sent(&self.links, slot, direct, light, &unshot.exitance[slot]);
+            unshot.leave(&self.links, slot, &sent);
+        }
+        let gone = self.links.remove(slot);
+        let neighbours = || gone.iter().map(|link| link.slot as usize);
+        match &mut self.state {
+            State::Alias(sampler, _) => sampler.forget(slot, neighbours()),
+            State::Cdf(sampler, _) => sampler.forget(slot, neighbours()),
+            State::Hybrid(_, sampler, rest) => {
+                sampler.forget(slot, neighbours());
+                rest[slot] = [0.0; 4];
+            }
+            _ => {}
+        }
+        for light in [&mut self.direct, &mut self.outside, &mut self.irradiance] {
+            light[slot] = [0.0; 4];
+        }
+    }
+}
