@@ -22,8 +22,8 @@ use std::io::ErrorKind;
 use std::net::SocketAddr;
 use std::path::Path;
 use std::pin::pin;
-use std::sync::{Arc, Mutex, PoisonError};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
@@ -83,8 +83,12 @@ impl Server {
             return Err(ServerError::ClusteredWorld { world: config.world });
         }
         let index = store.manifest().index();
-        let engine = Engine::new(index.clone(), config.engine.clone(), solving(backends(config.backend), &config.engine.solver))
-            .map_err(ServerError::Index)?;
+        let engine = Engine::new(
+            index.clone(),
+            config.engine.clone(),
+            solving(backends(config.backend), &config.engine.solver),
+        )
+        .map_err(ServerError::Index)?;
         let (listener, local_addr) = bind("listen", config.listen).await?;
         let (admin, admin_addr) = bind("admin_listen", config.admin_listen).await?;
         let world = world_name(&config.world);

@@ -27,6 +27,7 @@ mod reference_light;
 mod render;
 mod scene_source;
 mod serve;
+mod solver_world;
 mod view;
 mod volume_light;
 mod whole_world;

@@ -1,5 +1,6 @@
 //! `earthshine render`: pictures of a scene by one of several methods, beside the path tracer's.
 
+mod animation;
 mod default_view;
 mod progressive;
 mod screen_space;
@@ -22,8 +23,10 @@ use std::path::PathBuf;
   earthshine render sponza.glb --lights sponza.lights.json --world sponza.world --out pictures --exr
   earthshine render sponza.glb --lights sponza.lights.json --method screen-space --far-samples 8 --radius 1
   earthshine render sponza.glb --lights sponza.lights.json --method screen-space --world sponza.world
+  earthshine render sponza.glb --world sponza.world --animation sun --solvers hybrid,alias --out moving
   earthshine render cornell --method progressive --until 99 --visibility id-buffer --out frames
 With --world: served-light pictures, the path-traced reference, their difference, and a sheet of all of them.
+With --animation: moving light by solvers side by side, as animation.gif and strip.png.
 With --method screen-space: indirect light with and without refinement below a radius (below voxel size, where a
 world is the far light), each against the reference, and a sheet.
 With --method progressive: frame_0001.png and so on as light spreads, progress.csv and progress.svg (power shot), and the
@@ -49,6 +52,8 @@ pub(crate) struct RenderArguments {
     screen_space: screen_space::ScreenSpaceArguments,
     #[command(flatten)]
     progressive: progressive::ProgressiveArguments,
+    #[command(flatten)]
+    animation: animation::AnimationArguments,
     /// Paths a pixel of the reference.
     #[arg(long, default_value_t = 64)]
     samples: u32,
@@ -92,6 +97,9 @@ pub(crate) fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     let camera = default_view::pinhole(&arguments.view, &tracer, &source.lights)?;
     let options = PictureOptions { camera, samples: arguments.samples, seed: arguments.seed };
     let task = Task { arguments, source: &source, tracer: &tracer, options };
+    if let (Some(animation), Some(world)) = (arguments.animation.wanted(), &arguments.world) {
+        return animation::animate(&task, animation, world);
+    }
     match (arguments.method, &arguments.world) {
         (Method::PathTraced, None) => traced::reference(&task),
         (Method::PathTraced, Some(world)) => traced::served(&task, world),
@@ -130,6 +138,15 @@ impl RenderArguments {
             (
                 self.method == Method::Progressive && self.world.is_some(),
                 "--method progressive computes all light from the scene: leave --world out",
+            ),
+            (
+                self.animation.wanted().is_some()
+                    && (self.world.is_none() || self.method != Method::PathTraced),
+                "--animation needs --world, whose light moves, and no other --method",
+            ),
+            (
+                self.animation.wanted().is_none() && self.animation.is_given(),
+                "--solvers, --frames, --picture-every and --sun-path need --animation",
             ),
             (self.progressive.has_useless_texels(), "--id-texels needs --visibility id-buffer"),
         ];

@@ -90,7 +90,9 @@ fn solvers_change_while_frames_go_on() {
         harness.settle();
     }
     let before = harness.engine.stats().counters.ignored.solvers;
-    harness.events.push(Event::Solver { solver: SolverConfig { by_level: Vec::new(), ..SolverConfig::default() } });
+    harness
+        .events
+        .push(Event::Solver { solver: SolverConfig { by_level: Vec::new(), ..SolverConfig::default() } });
     harness.tick();
     assert_eq!(harness.engine.stats().counters.ignored.solvers, before + 1);
     assert_eq!(harness.engine.config().solver, solved_by(SolverName::Hybrid));

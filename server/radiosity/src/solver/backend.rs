@@ -161,7 +161,6 @@ impl SolverBackend {
             _ => light,
         }
     }
-
 }
 
 impl Backend for SolverBackend {
@@ -274,6 +273,7 @@ impl Backend for SolverBackend {
         }
         self.enter_matrix_if_whole()?;
         if let (State::Matrix, Some(matrix)) = (&self.state, &mut self.matrix) {
+            self.changed = false;
             return matrix.step();
         }
         let lit_columns =
@@ -295,7 +295,7 @@ impl Backend for SolverBackend {
         !self.changed
             && is_whole
             && match &self.state {
-                State::Matrix => true,
+                State::Matrix => self.matrix.as_ref().is_none_or(|matrix| matrix.is_settled()),
                 State::Gather { is_settled } => *is_settled,
                 State::Alias(..) | State::Cdf(..) => false,
                 State::Progressive(unshot) | State::Hybrid(unshot, ..) => unshot.is_settled,

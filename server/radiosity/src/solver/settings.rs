@@ -149,8 +149,7 @@ mod tests {
         assert!(refused(|s| s.samples_per_row = 0).starts_with("samples_per_row is 0"));
         assert!(refused(|s| s.samples_per_row = 5000).starts_with("samples_per_row is 5000"));
         for weight in [1.0, 1.5, -0.1, f32::NAN] {
-            let mut settings = SolverSettings::default();
-            settings.history_weight = weight;
+            let settings = SolverSettings { history_weight: weight, ..SolverSettings::default() };
             assert!(matches!(settings.validate(), Err(SettingsError::HistoryWeight(_))), "{weight}");
         }
         assert!(refused(|s| s.rebuild_items_per_step = 0).contains("rebuild_items_per_step"));

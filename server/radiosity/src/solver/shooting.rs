@@ -131,7 +131,7 @@ impl Unshot {
     fn fold(&mut self, links: &LinkRows, irradiance: &mut [Light]) {
         self.classes.fill(0);
         let least = UNSHOT_TOLERANCE * self.scale;
-        for slot in 0..links.capacity() {
+        for (slot, irradiance) in irradiance.iter_mut().enumerate() {
             let area = links.area(slot);
             if area == 0.0 {
                 self.importance[slot] = 0.0;
@@ -142,7 +142,7 @@ impl Unshot {
                 let reflectance = super::light(links.reflectance(slot));
                 for channel in 0..3 {
                     let arrived = pending[channel] / area;
-                    irradiance[slot][channel] += arrived;
+                    irradiance[channel] += arrived;
                     unshot[channel] += reflectance[channel] * arrived;
                 }
                 *pending = [0.0; 4];

@@ -11,7 +11,7 @@ use crate::tables::{AliasTable, RowTable};
 use earthshine_world::Rgb;
 
 const COUNT: u32 = 150;
-const SETTLING: [Method; 3] = [Method::Gather, Method::Progressive, Method::Hybrid];
+const SETTLING: [Method; 4] = [Method::Matrix, Method::Gather, Method::Progressive, Method::Hybrid];
 
 fn settings(method: Method) -> SolverSettings {
     SolverSettings { method, ..SolverSettings::default() }

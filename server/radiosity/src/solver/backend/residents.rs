@@ -16,7 +16,7 @@ impl SolverBackend {
                     self.welcome(at);
                 }
                 Update::Remove { slot } if self.links.is_taken(slot.0 as usize) => {
-                    self.dismiss(slot.0 as usize)
+                    self.dismiss(slot.0 as usize);
                 }
                 Update::Remove { .. } => {}
             }

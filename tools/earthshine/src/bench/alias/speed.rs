@@ -32,11 +32,14 @@ pub(super) struct Bytes {
     pub(super) cdf: f64,
 }
 
+/// Builds a row's table and returns something of it.
+type Builder<'a> = Box<dyn FnMut(&[f32]) -> u32 + 'a>;
+
 /// All builders, the sequential one first.
 pub(super) fn measure(lit: &LitWorld, rows: usize, items: usize, seed: u64) -> anyhow::Result<Vec<Build>> {
     let made_up = made_up(rows.max(1), items.max(1), seed)?;
     let (mut alias, mut cdf, mut room) = (AliasTable::default(), CdfTable::default(), BuildRoom::default());
-    let both = |builder, mut build: Box<dyn FnMut(&[f32]) -> u32 + '_>| Build {
+    let both = |builder, mut build: Builder<'_>| Build {
         builder,
         made_up_mitems_s: mitems_s(&made_up, &mut build),
         world_mitems_s: mitems_s(&lit.rows, &mut build),
@@ -44,8 +47,7 @@ pub(super) fn measure(lit: &LitWorld, rows: usize, items: usize, seed: u64) -> a
     let sequential = both(
         "alias, sequential",
         Box::new(|weights| {
-            // The rows hold shares, which cannot be refused.
-            let _ = black_box(alias.rebuild(weights, &mut room));
+            black_box(alias.rebuild(weights, &mut room).expect("shares are weights"));
             alias.bins().first().map_or(0, |bin| bin.0)
         }),
     );
@@ -68,7 +70,7 @@ pub(super) fn measure(lit: &LitWorld, rows: usize, items: usize, seed: u64) -> a
     let cumulative = both(
         "cdf",
         Box::new(|weights| {
-            let _ = black_box(cdf.rebuild(weights, &mut room));
+            black_box(cdf.rebuild(weights, &mut room).expect("shares are weights"));
             cdf.ends().first().copied().unwrap_or(0)
         }),
     );

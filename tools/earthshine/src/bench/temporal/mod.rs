@@ -11,7 +11,8 @@ mod subset;
 use super::Report;
 use super::lit_world::WorldArguments;
 use crate::output::out;
-use anyhow::bail;
+use crate::solver_world;
+use anyhow::Context as _;
 use clap::Args;
 use earthshine_radiosity::solver::{Method, SolverSettings};
 use earthshine_render::chart::{self, Axis, Chart, Scale, Series};
@@ -79,7 +80,12 @@ struct Figures {
 /// Runs the suite.
 pub(crate) fn run(arguments: &TemporalArguments, json: bool) -> anyhow::Result<()> {
     let started = Instant::now();
-    let methods: Vec<Method> = arguments.solver.iter().map(|name| method(name)).collect::<Result<_, _>>()?;
+    let methods: Vec<Method> = arguments
+        .solver
+        .iter()
+        .map(|name| solver_world::method(name))
+        .collect::<Result<_, _>>()
+        .context("--solver")?;
     let settings = arguments.settings();
     settings.validate()?;
     let lit = arguments.world.load(json)?;
@@ -149,15 +155,6 @@ impl TemporalArguments {
     }
 }
 
-/// A solver by name. The matrix is the oracle of the others; `bench matrix` measures it.
-fn method(name: &str) -> anyhow::Result<Method> {
-    let found = Method::ALL.into_iter().find(|method| method.name() == name && *method != Method::Matrix);
-    match found {
-        Some(method) => Ok(method),
-        None => bail!("--solver {name:?}: gather, alias, cdf, progressive or hybrid"),
-    }
-}
-
 fn error_chart(scene: &str, solvers: &[Response]) -> Chart {
     let series = |response: &Response| Series {
         name: response.solver.to_owned(),
@@ -180,15 +177,24 @@ fn print_text(figures: &Figures) {
         figures.k,
         figures.history_weight
     );
-    out!("\n{:<12} {:>10} {:>10} {:>10} {:>12}", "solver", "to 90 %", "to 99 %", "noise", "steady");
+    out!(
+        "\n{:<12} {:>10} {:>10} {:>10} {:>12} {:>12}",
+        "solver",
+        "to 90 %",
+        "to 99 %",
+        "noise",
+        "steady",
+        "moving"
+    );
     for solver in &figures.solvers {
         out!(
-            "{:<12} {:>10} {:>10} {:>8.3} % {:>10.4} %",
+            "{:<12} {:>10} {:>10} {:>8.3} % {:>10.4} % {:>10.3} %",
             solver.solver,
             frames(solver.frames_to_90),
             frames(solver.frames_to_99),
             solver.noise_after_rel * 100.0,
-            solver.steady_rel_rmse * 100.0
+            solver.steady_rel_rmse * 100.0,
+            solver.moving_rel_rmse * 100.0
         );
     }
     out!("\nns a patch and frame, one core; plain copy {:.1} GB/s", figures.cost[0].copy_gb_s);

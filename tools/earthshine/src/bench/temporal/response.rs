@@ -9,6 +9,8 @@ use serde::Serialize;
 const STEADY_HISTORIES: f32 = 2.0;
 /// Points of a curve beyond the first frames grow by this factor.
 const CURVE_GROWTH: f64 = 1.04;
+/// Frames in which moving lights go there and back.
+const MOVING_PERIOD: u32 = 48;
 /// Frames at the end whose errors are the noise that is left.
 const NOISE_FRAMES: u32 = 20;
 
@@ -23,6 +25,8 @@ pub(super) struct Response {
     pub(super) frames_to_99: Option<u32>,
     /// Relative RMSE of the last frames that were followed, lag included.
     pub(super) noise_after_rel: f64,
+    /// Relative RMSE while lights move between before and after the change and back, every frame, mean over two rounds.
+    pub(super) moving_rel_rmse: f64,
     /// Whether another frame would change no bit.
     is_settled: bool,
     /// Frames after which no bit changed any more.
@@ -67,16 +71,37 @@ pub(super) fn measure(
             break;
         }
     }
+    let (is_settled, moving_rel_rmse) = (subset.backend.is_settled(), moving(subset, settings)?);
     Ok(Response {
         solver: settings.method.name(),
         steady_rel_rmse,
         frames_to_90: to_90,
         frames_to_99: to_99,
         noise_after_rel: noise / f64::from(NOISE_FRAMES.min(frames.max(1))),
-        is_settled: subset.backend.is_settled(),
+        moving_rel_rmse,
+        is_settled,
         frames_to_rest: to_rest,
         curve,
     })
+}
+
+/// Error of light whose sources change every frame.
+fn moving(subset: &mut Subset, settings: SolverSettings) -> anyhow::Result<f64> {
+    subset.settle(false)?;
+    subset.backend.set_solver(&settings)?;
+    let (before, after) = (subset.light_before.clone(), subset.light_after.clone());
+    let mut sum = 0.0;
+    for frame in 1..=2 * MOVING_PERIOD {
+        let turn = std::f32::consts::TAU * frame as f32 / MOVING_PERIOD as f32;
+        let share = 0.5 - 0.5 * turn.cos();
+        subset.shine_between(share)?;
+        subset.backend.step()?;
+        let light = subset.light()?;
+        let truth: Vec<_> =
+            before.iter().zip(&after).map(|(&before, &after)| before.lerp(after, share)).collect();
+        sum += rel_rmse(&light, &truth, |at| truth[at]);
+    }
+    Ok(sum / f64::from(2 * MOVING_PERIOD))
 }
 
 fn steady(subset: &mut Subset, settings: SolverSettings, frames: u32) -> anyhow::Result<f64> {

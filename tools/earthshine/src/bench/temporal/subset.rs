@@ -1,8 +1,9 @@
 //! The patches nearest to the middle of a world, in a backend, with what comes from beyond them.
 
 use crate::bench::lit_world::LitWorld;
+use crate::solver_world;
 use earthshine_radiosity::solver::{Method, SolverBackend, SolverSettings};
-use earthshine_radiosity::{Backend, CpuBackend, Slot, Update};
+use earthshine_radiosity::{Backend, Slot};
 use earthshine_world::{LightRig, Rgb};
 
 /// Steps that gathering may take to settle: 0.98 bounces down to 1e-6.
@@ -65,22 +66,13 @@ impl Subset {
         // Slots in the order of the world: neighbours are neighbours in memory, as chunks enter an engine.
         let mut patches = patches.to_vec();
         patches.sort_unstable();
-        const FAR: u32 = u32::MAX;
-        let mut slot_of = vec![FAR; lit.areas.len()];
-        patches.iter().zip(0..).for_each(|(&patch, slot)| slot_of[patch as usize] = slot);
-        let make =
-            |slots| Ok(Box::new(CpuBackend::new(slots).expect("not asked for here")) as Box<dyn Backend>);
-        let settings = SolverSettings { method: Method::Gather, ..SolverSettings::default() };
-        let mut backend = SolverBackend::new(patches.len() as u32, settings, Box::new(make))?;
-        for (slot, &patch) in (0u32..).zip(&patches) {
-            backend.apply(&[entering(lit, &slot_of, patch, slot)])?;
-        }
+        let (backend, slot_of) = solver_world::backend(&lit.rows, &lit.areas, &lit.reflectance, &patches)?;
         let sources = |of: &Sources| -> (Vec<Rgb>, Vec<Rgb>) {
             let direct = patches.iter().map(|&patch| of.direct[patch as usize]).collect();
             let outside = |&patch: &u32| {
                 let (columns, shares) = lit.rows.row(patch as usize);
                 let entries = columns.iter().zip(shares);
-                let far = entries.filter(|&(&column, _)| slot_of[column as usize] == FAR);
+                let far = entries.filter(|&(&column, _)| slot_of[column as usize] == solver_world::FAR);
                 let far: Rgb = far.map(|(&column, &share)| of.exitance[column as usize] * share).sum();
                 of.sky[patch as usize] + far
             };
@@ -113,6 +105,16 @@ impl Subset {
         Ok(self.backend.set_sources(&self.slots, direct, outside)?)
     }
 
+    /// Lights a share of the way from before to after the change; light is linear in them.
+    pub(super) fn shine_between(&mut self, share: f32) -> anyhow::Result<()> {
+        let between = |from: &[Rgb], to: &[Rgb]| -> Vec<Rgb> {
+            from.iter().zip(to).map(|(&from, &to)| from.lerp(to, share)).collect()
+        };
+        let (direct, outside) =
+            (between(&self.before.0, &self.after.0), between(&self.before.1, &self.after.1));
+        Ok(self.backend.set_sources(&self.slots, &direct, &outside)?)
+    }
+
     /// Gathers until the light before or after the change has settled, and reads it.
     pub(super) fn settle(&mut self, after: bool) -> anyhow::Result<Vec<Rgb>> {
         self.backend.set_solver(&SolverSettings { method: Method::Gather, ..SolverSettings::default() })?;
@@ -132,27 +134,6 @@ impl Subset {
         self.backend.read_irradiance(&self.slots, &mut light)?;
         Ok(light)
     }
-}
-
-/// The update that brings `patch` into `slot`, towards those before it.
-fn entering(lit: &LitWorld, slot_of: &[u32], patch: u32, slot: u32) -> Update {
-    let area = lit.areas[patch as usize];
-    let (mut row, mut column) = (Vec::new(), Vec::new());
-    let (columns, shares) = lit.rows.row(patch as usize);
-    for (&other, &share) in columns.iter().zip(shares) {
-        let seen = slot_of[other as usize];
-        if seen > slot {
-            continue;
-        }
-        let other_area = lit.areas[other as usize];
-        // As the engine does it: rounding on disk may carry the share of a tiny patch past one.
-        let share = share.min(other_area / area);
-        row.push((Slot(seen), share));
-        if seen != slot {
-            column.push((Slot(seen), (share * area / other_area).min(1.0)));
-        }
-    }
-    Update::Add { slot: Slot(slot), reflectance: lit.reflectance[patch as usize], area, row, column }
 }
 
 /// Root of the summed squares of `light - truth` over that of `norm`.
