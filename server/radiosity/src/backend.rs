@@ -151,7 +151,7 @@ pub trait Backend: Send {
     /// # Errors
     /// [`BackendError::Settings`], [`BackendError::OutOfMemory`]: the choice stays what it was.
     fn set_solver(&mut self, settings: &SolverSettings) -> Result<bool, BackendError> {
-        settings.validate()?;
+        settings.validate().map_err(BackendError::Settings)?;
         Ok(false)
     }
 
@@ -249,10 +249,10 @@ pub enum BackendError {
     NotANumber(Slot),
     /// Settings of a solver that cannot be.
     #[error(transparent)]
-    Settings(#[from] SettingsError),
+    Settings(SettingsError),
     /// A row that no table can be made of.
     #[error(transparent)]
-    Table(#[from] TableError),
+    Table(TableError),
     /// Slices that should be of one length are not.
     #[error("{expected} values expected, {actual} given")]
     Length {

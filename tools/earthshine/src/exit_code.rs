@@ -4,6 +4,7 @@ use earthshine_bake::BakeError;
 use earthshine_client::ClientError;
 use earthshine_fly::{FlyError, PathError, SunPathError};
 use earthshine_gen::GenError;
+use earthshine_radiosity::solver::SettingsError;
 use earthshine_render::camera::CameraError;
 use earthshine_render::compare_points::CompareError;
 use earthshine_render::csv::CsvError;
@@ -110,6 +111,7 @@ fn code(cause: &(dyn std::error::Error + 'static)) -> Option<u8> {
     let is_usage = cause.is::<CameraError>()
         || cause.is::<SamplesError>()
         || cause.is::<ScreenSpaceError>()
+        || cause.is::<SettingsError>()
         || cause.is::<WrongUse>();
     match () {
         () if is_input => Some(INPUT),

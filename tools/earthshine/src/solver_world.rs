@@ -8,10 +8,10 @@ use earthshine_world::Rgb;
 /// In place of the slot of a patch that is not resident.
 pub(crate) const FAR: u32 = u32::MAX;
 
-/// A solver by name; the matrix only where it is of use.
-pub(crate) fn method(name: &str) -> anyhow::Result<Method> {
+/// A solver by its name on the command line. Not the matrix: it is what the others are held against.
+pub(crate) fn method(name: &str) -> Result<Method, String> {
     let found = Method::ALL.into_iter().find(|method| method.name() == name && *method != Method::Matrix);
-    found.ok_or_else(|| anyhow::anyhow!("{name:?} is not gather, alias, cdf, progressive or hybrid"))
+    found.ok_or_else(|| format!("{name:?} is not gather, alias, cdf, progressive or hybrid"))
 }
 
 /// `patches` (ascending) of `rows` in slots of the same order, and the slot of every patch.

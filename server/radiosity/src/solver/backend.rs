@@ -86,7 +86,7 @@ impl SolverBackend {
         settings: SolverSettings,
         mut make_matrix: MatrixFactory,
     ) -> Result<Self, BackendError> {
-        settings.validate()?;
+        settings.validate().map_err(BackendError::Settings)?;
         let matrix = if settings.method == Method::Matrix { Some(make_matrix(capacity)?) } else { None };
         let slots = matrix.as_ref().map_or(capacity, |matrix| matrix.capacity()) as usize;
         let dark = vec![[0.0; 4]; slots];
@@ -140,7 +140,7 @@ impl SolverBackend {
     }
 
     fn choose(&mut self, settings: SolverSettings) -> Result<(), BackendError> {
-        settings.validate()?;
+        settings.validate().map_err(BackendError::Settings)?;
         if settings.method == Method::Matrix {
             self.matrix_wanted()?;
             self.settings = settings;

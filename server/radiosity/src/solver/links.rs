@@ -79,12 +79,12 @@ impl LinkRows {
     }
 
     /// What of the row of `slot` does not lead to residents: `F_0 = 1 - sum`, fed by what is far and by the sky. Rounding
-    /// below zero counts as zero. The twin of the shaders' parallel sum, in its order: lanes of 256, then a tree.
+    /// may carry it below zero: tables count that and take zero. The twin of the shaders' parallel sum, in its order: lanes of 256, then a tree.
     #[must_use]
     pub fn outside_share(&self, slot: usize, shares: &mut Vec<f32>) -> f32 {
         shares.clear();
         shares.extend(self.rows[slot].iter().map(|link| link.share));
-        (1.0 - crate::tables::masses::total_of(shares)).max(0.0)
+        1.0 - crate::tables::masses::total_of(shares)
     }
 
     /// A patch enters a free slot. `row` names taken slots, itself included; twice named, shares add up.

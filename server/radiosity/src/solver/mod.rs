@@ -11,9 +11,11 @@
 //! | [`Method::Progressive`] | the largest unshot changes are shot | within a few frames | nothing is done, once settled |
 //! | [`Method::Hybrid`] | as before, and draws estimate what is not shot yet | at once, noisily; exact within a few frames | nothing is done, once settled |
 //!
-//! Start at [`backend`] for the state and its life, at [`temporal`], [`shooting`] and [`remainder`] for the methods.
+//! Start at [`backend`] for the state and its life, at [`temporal`], [`shooting`] and [`remainder`] for the methods; [`coloured`] draws from
+//! rows of the matrix instead.
 
 pub mod backend;
+pub mod coloured;
 mod guard;
 pub mod links;
 pub mod remainder;

@@ -1,5 +1,6 @@
 //! Every method against the matrix, through the trait: steady light, steps of light, streaming, changes of method.
 
+use super::links::LinkRows;
 use super::sampler::{OUTSIDE, RowSampler};
 use super::shooting::SETTLE_FRAMES;
 use super::{Method, SettingsError, SolverBackend, SolverSettings};
@@ -346,6 +347,20 @@ fn light_and_rows_that_cannot_be_are_refused() {
         }
         assert!(backend.set_sources(&[Slot(1)], &[Rgb::ZERO], &[Rgb::ZERO]).is_err());
     }
+}
+
+/// Goal: what rounding leaves below zero is clamped and counted. Method: a row whose shares sum to a little above one.
+#[test]
+fn a_negative_rest_of_a_row_counts_as_none() {
+    let mut links = LinkRows::new(2);
+    links.add(0, 1.0, Rgb::ZERO, std::iter::empty());
+    links.add(1, 1.0, Rgb::ZERO, [(0, 0.75), (1, 0.2501)].into_iter());
+    let mut sampler = RowSampler::<AliasTable>::new(&links);
+    sampler.rebuild(&links, u32::MAX).expect("sound rows");
+    assert_eq!(sampler.clamped(), 1);
+    let row = sampler.row(1);
+    assert_eq!(row.table.shares().last(), Some(&0.0));
+    assert!((row.table.total() - 1.0001).abs() < 1e-5);
 }
 
 /// A row of zeros is a patch that sees nothing: dark, never NaN.

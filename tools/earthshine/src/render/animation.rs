@@ -28,8 +28,8 @@ pub(crate) struct AnimationArguments {
     #[arg(long, value_enum)]
     animation: Option<Animation>,
     /// Solvers side by side: gather, alias, cdf, progressive, hybrid. Default: hybrid,alias.
-    #[arg(long, value_delimiter = ',')]
-    solvers: Vec<String>,
+    #[arg(long, value_delimiter = ',', value_parser = solver_world::method)]
+    solvers: Vec<Method>,
     /// Frames of light. Default: 96.
     #[arg(long)]
     frames: Option<u32>,
@@ -68,7 +68,7 @@ impl AnimationArguments {
 }
 
 /// Solvers, if none are named.
-const SOLVERS: [&str; 2] = ["hybrid", "alias"];
+const SOLVERS: [Method; 2] = [Method::Hybrid, Method::Alias];
 const FRAMES: u32 = 96;
 const PICTURE_EVERY: u32 = 4;
 /// Places within a pixel.
@@ -112,14 +112,9 @@ pub(super) fn animate(task: &Task<'_>, animation: Animation, folder: &Path) -> a
     let all: Vec<u32> = (0..areas.len() as u32).collect();
     let stage =
         Stage { task, slots: all.iter().map(|&slot| Slot(slot)).collect(), world, animation, sun, frames };
-    let names: Vec<&str> = if options.solvers.is_empty() {
-        SOLVERS.to_vec()
-    } else {
-        options.solvers.iter().map(String::as_str).collect()
-    };
+    let methods = if options.solvers.is_empty() { &SOLVERS[..] } else { &options.solvers };
     let mut acts = Vec::new();
-    for name in names {
-        let method = solver_world::method(name).context("--solvers")?;
+    for &method in methods {
         let (backend, _) = solver_world::backend(&stage.world.rows, &areas, &reflectance, &all)?;
         acts.push(Act { method, backend });
     }

@@ -60,7 +60,7 @@ impl SolverBackend {
                 self.irradiance = next;
             }
             State::Alias(sampler, noise) => {
-                sampler.rebuild(&self.links, budget)?;
+                sampler.rebuild(&self.links, budget).map_err(BackendError::Table)?;
                 temporal::step(
                     &self.links,
                     sampler,
@@ -72,7 +72,7 @@ impl SolverBackend {
                 );
             }
             State::Cdf(sampler, noise) => {
-                sampler.rebuild(&self.links, budget)?;
+                sampler.rebuild(&self.links, budget).map_err(BackendError::Table)?;
                 temporal::step(
                     &self.links,
                     sampler,
@@ -88,7 +88,7 @@ impl SolverBackend {
                     unshot.step(&self.links, &self.direct, &self.outside, shots, &mut self.irradiance);
             }
             State::Hybrid(unshot, sampler, rest) => {
-                sampler.rebuild(&self.links, budget)?;
+                sampler.rebuild(&self.links, budget).map_err(BackendError::Table)?;
                 self.last_shot =
                     unshot.step(&self.links, &self.direct, &self.outside, shots, &mut self.irradiance);
                 if self.last_shot.unshot_share > remainder::UNSHOT_MIN && !unshot.is_settled {

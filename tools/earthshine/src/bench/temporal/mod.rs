@@ -12,7 +12,6 @@ use super::Report;
 use super::lit_world::WorldArguments;
 use crate::output::out;
 use crate::solver_world;
-use anyhow::Context as _;
 use clap::Args;
 use earthshine_radiosity::solver::{Method, SolverSettings};
 use earthshine_render::chart::{self, Axis, Chart, Scale, Series};
@@ -28,8 +27,8 @@ pub(crate) struct TemporalArguments {
     #[command(flatten)]
     world: WorldArguments,
     /// Solvers to measure, the first for the figures at the top: gather, alias, cdf, progressive, hybrid.
-    #[arg(long, value_delimiter = ',', default_value = "hybrid,alias,cdf,progressive,gather")]
-    solver: Vec<String>,
+    #[arg(long, value_delimiter = ',', value_parser = solver_world::method, default_value = "hybrid,alias,cdf,progressive,gather")]
+    solver: Vec<Method>,
     /// Patches nearest to the middle of the world for figures of cost; several by commas. Default: all.
     #[arg(long, value_delimiter = ',')]
     n: Vec<usize>,
@@ -80,12 +79,7 @@ struct Figures {
 /// Runs the suite.
 pub(crate) fn run(arguments: &TemporalArguments, json: bool) -> anyhow::Result<()> {
     let started = Instant::now();
-    let methods: Vec<Method> = arguments
-        .solver
-        .iter()
-        .map(|name| solver_world::method(name))
-        .collect::<Result<_, _>>()
-        .context("--solver")?;
+    let methods = &arguments.solver;
     let settings = arguments.settings();
     settings.validate()?;
     let lit = arguments.world.load(json)?;
@@ -97,7 +91,7 @@ pub(crate) fn run(arguments: &TemporalArguments, json: bool) -> anyhow::Result<(
     let mut whole = subset(arguments.response_n.unwrap_or(order.len()))?;
     let (patches, nonzeros) = (whole.patch_count(), whole.link_count());
     let mut solvers = Vec::new();
-    for &method in &methods {
+    for &method in methods {
         eprintln!("{method}: {patches} patches");
         solvers.push(response::measure(&mut whole, SolverSettings { method, ..settings }, arguments.frames)?);
     }
@@ -107,7 +101,7 @@ pub(crate) fn run(arguments: &TemporalArguments, json: bool) -> anyhow::Result<(
     for count in counts {
         let mut subset = subset(count)?;
         eprintln!("cost: {} patches", subset.patch_count());
-        cost.push(one.install(|| cost::measure(&mut subset, &methods, &settings, &solvers))?);
+        cost.push(one.install(|| cost::measure(&mut subset, methods, &settings, &solvers))?);
     }
     let files = match &arguments.plot {
         Some(stem) => chart::write_both(stem, &[error_chart(&lit.name, &solvers)])?.to_vec(),
