@@ -5,7 +5,8 @@
 use crate::ServerError;
 use crate::admin::{self, Admin};
 use crate::config::load::seconds;
-use crate::config::{BackendKind, Config};
+use crate::backends::{CurrentDevice, backends};
+use crate::config::Config;
 use crate::engine_thread::{EngineHandle, EngineThread, SharedReport};
 use crate::listener::Listener;
 use crate::metrics::Metrics;
@@ -13,8 +14,7 @@ use crate::session::Shared;
 use crate::shutdown::Deadline;
 use crate::tile_loader::TileLoader;
 use crate::tls;
-use earthshine_engine::{BackendFactory, Engine};
-use earthshine_radiosity::{Backend, BackendError, CpuBackend, Slot};
+use earthshine_engine::Engine;
 use earthshine_tiles::{DirStore, PatchBuilder, TileStore};
 use earthshine_world::WorldIndex;
 use std::io::ErrorKind;
@@ -43,6 +43,7 @@ pub struct Server {
     index: WorldIndex,
     store: Arc<dyn TileStore>,
     engine: Engine,
+    device: CurrentDevice,
     listener: TcpListener,
     tls: Option<TlsAcceptor>,
     admin: TcpListener,
@@ -82,8 +83,9 @@ impl Server {
             return Err(ServerError::ClusteredWorld { world: config.world });
         }
         let index = store.manifest().index();
-        let engine = Engine::new(index.clone(), config.engine.clone(), backends(config.backend))
-            .map_err(ServerError::Index)?;
+        let (backends, device) = backends(&config)?;
+        let engine =
+            Engine::new(index.clone(), config.engine.clone(), backends).map_err(ServerError::Index)?;
         let (listener, local_addr) = bind("listen", config.listen).await?;
         let (admin, admin_addr) = bind("admin_listen", config.admin_listen).await?;
         let world = world_name(&config.world);
@@ -93,12 +95,19 @@ impl Server {
             index,
             store: Arc::new(store),
             engine,
+            device,
             listener,
             tls,
             admin,
             local_addr,
             admin_addr,
         })
+    }
+
+    /// The device that computes, now and after it was opened again.
+    #[must_use]
+    pub fn device(&self) -> CurrentDevice {
+        self.device.clone()
     }
 
     /// Where clients connect.
@@ -264,27 +273,6 @@ impl Running {
 
 fn engine_failure(cause: Option<String>) -> ServerError {
     ServerError::Engine { cause: cause.unwrap_or_else(|| "its thread ended without a word".to_owned()) }
-}
-
-/// Builds what computes; as many slots as asked for, or fewer if there is no memory for them.
-fn backends(kind: BackendKind) -> BackendFactory {
-    // `Config::validate` has refused what this build does not have.
-    debug_assert_eq!(kind, BackendKind::Cpu);
-    Box::new(|wanted| {
-        let mut capacity = wanted;
-        loop {
-            match CpuBackend::new(capacity) {
-                Ok(backend) => return Ok(Box::new(backend) as Box<dyn Backend>),
-                Err(cause) => {
-                    tracing::warn!(%cause, capacity, "a local matrix was refused");
-                    capacity /= 2;
-                    if capacity == 0 {
-                        return Err(BackendError::SlotOutside(Slot(wanted), 0));
-                    }
-                }
-            }
-        }
-    })
 }
 
 async fn bind(key: &'static str, address: SocketAddr) -> Result<(TcpListener, SocketAddr), ServerError> {
