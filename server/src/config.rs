@@ -34,6 +34,13 @@ pub struct Config {
     /// Who computes.
     pub backend: BackendKind,
 
+    /// Part of the name of the graphics adapter to compute on; empty for the best there is. `earthshine gpu` lists
+    /// them. A software adapter is taken only when it is named.
+    pub gpu_adapter: String,
+
+    /// Whether an adapter with less room than is configured is refused, instead of taking what fits.
+    pub gpu_strict: bool,
+
     /// TCP connections at once, health checks included. Further ones wait in the listen backlog.
     /// - Higher: more file descriptors in the hands of peers that never say hello.
     /// - Lower: a burst of health checks can keep a client waiting.
@@ -127,8 +134,10 @@ pub struct Config {
 pub enum BackendKind {
     /// Native code on all cores.
     Cpu,
-    /// wgpu compute; not in this build, refused at start.
+    /// A graphics adapter; refused at start where there is none.
     Gpu,
+    /// A graphics adapter where there is one, else the CPU, which is said once.
+    Auto,
 }
 
 /// PEM files for TLS.
@@ -160,6 +169,8 @@ impl Default for Config {
             listen: loopback(7461),
             admin_listen: loopback(7462),
             backend: BackendKind::Cpu,
+            gpu_adapter: String::new(),
+            gpu_strict: false,
             connections_max: 64,
             message_bytes_max: earthshine_protocol::CLIENT_MESSAGE_BYTES_MAX as u32,
             hello_timeout_s: 5.0,

@@ -32,6 +32,21 @@ pub enum ServerError {
         /// What is wrong with it.
         cause: String,
     },
+    /// The device that `backend = "gpu"` asks for cannot be had.
+    #[error("`backend`: {0}")]
+    Gpu(earthshine_gpu::GpuError),
+    /// The device's limits are below the matrix that is configured, and `gpu_strict` is set.
+    #[error(
+        "`engine.resident_patches_max`: {wanted} patches, but {adapter} allows {most}; ask for fewer, or unset `gpu_strict` to take what fits"
+    )]
+    GpuSlots {
+        /// Its name.
+        adapter: String,
+        /// Slots that are configured.
+        wanted: u32,
+        /// Slots that its limits allow.
+        most: u32,
+    },
     /// The world cannot be opened; the cause names the file.
     #[error(transparent)]
     World(TileError),
@@ -99,7 +114,7 @@ impl ServerError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::World(_) | Self::ClusteredWorld { .. } | Self::Index(_) => 4,
-            Self::Config(_) | Self::Tls { .. } => 5,
+            Self::Config(_) | Self::Tls { .. } | Self::Gpu(_) | Self::GpuSlots { .. } => 5,
             Self::AddressInUse { .. } | Self::Bind { .. } => 6,
             Self::System { .. } | Self::Engine { .. } | Self::Transport(_) => 10,
             Self::DrainTimeout { .. } => 11,

@@ -25,6 +25,7 @@
 //! ```
 
 mod admin;
+mod backends;
 pub mod config;
 mod connection;
 mod convert;
@@ -42,6 +43,7 @@ mod streams;
 mod tile_loader;
 mod tls;
 
+pub use backends::CurrentDevice;
 pub use config::{BackendKind, Config, ConfigError, ServeArgs};
 pub use error::ServerError;
 pub use server::{Server, run};

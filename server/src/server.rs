@@ -4,8 +4,9 @@
 
 use crate::ServerError;
 use crate::admin::{self, Admin};
+use crate::backends::{CurrentDevice, backends, solving};
+use crate::config::Config;
 use crate::config::load::seconds;
-use crate::config::{BackendKind, Config};
 use crate::engine_thread::{EngineHandle, EngineThread, SharedReport};
 use crate::listener::Listener;
 use crate::metrics::Metrics;
@@ -13,17 +14,15 @@ use crate::session::Shared;
 use crate::shutdown::Deadline;
 use crate::tile_loader::TileLoader;
 use crate::tls;
-use earthshine_engine::{BackendFactory, Engine, SolverConfig, SolverName};
-use earthshine_radiosity::solver::{Method, SolverBackend, SolverSettings};
-use earthshine_radiosity::{Backend, BackendError, CpuBackend, Slot};
+use earthshine_engine::Engine;
 use earthshine_tiles::{DirStore, PatchBuilder, TileStore};
 use earthshine_world::WorldIndex;
 use std::io::ErrorKind;
 use std::net::SocketAddr;
 use std::path::Path;
 use std::pin::pin;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
@@ -44,6 +43,7 @@ pub struct Server {
     index: WorldIndex,
     store: Arc<dyn TileStore>,
     engine: Engine,
+    device: CurrentDevice,
     listener: TcpListener,
     tls: Option<TlsAcceptor>,
     admin: TcpListener,
@@ -83,12 +83,10 @@ impl Server {
             return Err(ServerError::ClusteredWorld { world: config.world });
         }
         let index = store.manifest().index();
-        let engine = Engine::new(
-            index.clone(),
-            config.engine.clone(),
-            solving(backends(config.backend), &config.engine.solver),
-        )
-        .map_err(ServerError::Index)?;
+        let (matrices, device) = backends(&config)?;
+        let backends = solving(matrices, &config.engine.solver);
+        let engine =
+            Engine::new(index.clone(), config.engine.clone(), backends).map_err(ServerError::Index)?;
         let (listener, local_addr) = bind("listen", config.listen).await?;
         let (admin, admin_addr) = bind("admin_listen", config.admin_listen).await?;
         let world = world_name(&config.world);
@@ -98,12 +96,19 @@ impl Server {
             index,
             store: Arc::new(store),
             engine,
+            device,
             listener,
             tls,
             admin,
             local_addr,
             admin_addr,
         })
+    }
+
+    /// The device that computes, now and after it was opened again.
+    #[must_use]
+    pub fn device(&self) -> CurrentDevice {
+        self.device.clone()
     }
 
     /// Where clients connect.
@@ -269,42 +274,6 @@ impl Running {
 
 fn engine_failure(cause: Option<String>) -> ServerError {
     ServerError::Engine { cause: cause.unwrap_or_else(|| "its thread ended without a word".to_owned()) }
-}
-
-/// Builds what computes; as many slots as asked for, or fewer if there is no memory for them.
-fn backends(kind: BackendKind) -> BackendFactory {
-    // `Config::validate` has refused what this build does not have.
-    debug_assert_eq!(kind, BackendKind::Cpu);
-    Box::new(|wanted| {
-        let mut capacity = wanted;
-        loop {
-            match CpuBackend::new(capacity) {
-                Ok(backend) => return Ok(Box::new(backend) as Box<dyn Backend>),
-                Err(cause) => {
-                    tracing::warn!(%cause, capacity, "a local matrix was refused");
-                    capacity /= 2;
-                    if capacity == 0 {
-                        return Err(BackendError::SlotOutside(Slot(wanted), 0));
-                    }
-                }
-            }
-        }
-    })
-}
-
-/// Backends that solve as the configuration says, with matrices of `matrices` where they need one.
-fn solving(matrices: BackendFactory, config: &SolverConfig) -> BackendFactory {
-    let matrices = Arc::new(Mutex::new(matrices));
-    // A matrix says first how many slots there is memory for.
-    let needs_matrix = config.audit_every_ticks > 0 || config.by_level.contains(&SolverName::Matrix);
-    let method = if needs_matrix { Method::Matrix } else { Method::Gather };
-    Box::new(move |capacity| {
-        let matrices = Arc::clone(&matrices);
-        let make = move |capacity| (matrices.lock().unwrap_or_else(PoisonError::into_inner))(capacity);
-        // The engine tells each level's solver.
-        let settings = SolverSettings { method, ..SolverSettings::default() };
-        Ok(Box::new(SolverBackend::new(capacity, settings, Box::new(make))?) as Box<dyn Backend>)
-    })
 }
 
 async fn bind(key: &'static str, address: SocketAddr) -> Result<(TcpListener, SocketAddr), ServerError> {

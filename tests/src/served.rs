@@ -1,7 +1,7 @@
 //! A server in the background: free ports, budgets that let a small world settle at once.
 
 use crate::viewer::within;
-use earthshine_server::{Config, Server, ServerError};
+use earthshine_server::{Config, CurrentDevice, Server, ServerError};
 use std::path::Path;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
@@ -11,6 +11,8 @@ use tokio::task::JoinHandle;
 pub struct ServedWorld {
     /// `http://address` for clients.
     pub uri: String,
+    /// The device that computes, if any.
+    pub device: CurrentDevice,
     stop: oneshot::Sender<()>,
     ended: JoinHandle<Result<(), ServerError>>,
 }
@@ -37,10 +39,10 @@ impl ServedWorld {
         config.engine.shadow_points_per_tick_max = 1 << 20;
         change(&mut config);
         let server = Server::bind(config).await.expect("a sound world and a free port");
-        let uri = format!("http://{}", server.local_addr());
+        let (uri, device) = (format!("http://{}", server.local_addr()), server.device());
         let (stop, stopped) = oneshot::channel();
         let ended = tokio::spawn(server.run(async { drop(stopped.await) }));
-        Self { uri, stop, ended }
+        Self { uri, device, stop, ended }
     }
 
     /// Stops it and returns how it ended.

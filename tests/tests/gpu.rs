@@ -1,10 +1,21 @@
 //! The GPU backend passes the suite of its trait on whatever adapter there is; without one these tests say why they are
 //! skipped.
 
+use earthshine_client::{ClientOptions, Lights, Vec3};
+use earthshine_gen::fixtures;
 use earthshine_gpu::{GpuBackend, GpuDevice};
 use earthshine_radiosity::Backend;
+use earthshine_radiosity::{BackendError, Slot, Update};
+use earthshine_server::BackendKind;
 use earthshine_tests::adapter::{device_or_skip, device_within};
+use earthshine_tests::agreement::assert_is;
 use earthshine_tests::backend_suite::{backend_conformance, backend_conformance_at};
+use earthshine_tests::baked::{BakedWorld, coarse, imported, own_lights};
+use earthshine_tests::served::ServedWorld;
+use earthshine_tests::solved::SolvedWorld;
+use earthshine_tests::viewer::{connect, settled_at, within};
+use earthshine_world::{LightRig, Rgb, Sky};
+use std::time::Duration;
 
 fn conforms(device: &GpuDevice) {
     eprintln!("on {}", device.name());
@@ -35,4 +46,74 @@ fn the_gpu_backend_conforms_with_split_planes() {
     if let Some(device) = device_within(2 << 14) {
         conforms(&device);
     }
+}
+
+/// Goal: nothing of a lost device is ever taken for light. Method: it is destroyed after a step; every call says so.
+#[test]
+fn a_lost_device_is_an_error_of_every_call() {
+    let Some(device) = device_or_skip() else { return };
+    let mut backend = GpuBackend::new(&device, 8).expect("a small matrix");
+    let add = |slot: u32| Update::Add {
+        slot: Slot(slot),
+        reflectance: Rgb::splat(0.5),
+        area: 1.0,
+        row: vec![(Slot(slot), 0.5)],
+        column: vec![],
+    };
+    backend.apply(&[add(0)]).expect("a free slot");
+    backend.set_sources(&[Slot(0)], &[Rgb::ONE], &[Rgb::ONE]).expect("taken");
+    backend.step().expect("a device that works");
+    device.destroy();
+    assert!(device.is_lost());
+    let is_lost = |result: Result<(), BackendError>| matches!(result, Err(BackendError::DeviceLost { .. }));
+    assert!(is_lost(backend.read_irradiance(&[Slot(0)], &mut [Rgb::ZERO])));
+    assert!(is_lost(backend.apply(&[add(1)]).map(drop)));
+    assert!(!backend.is_taken(Slot(1)), "an update of a lost device is none");
+    assert!(is_lost(backend.step().map(drop)) && is_lost(backend.resolve()));
+    assert!(is_lost(backend.repair(8).map(drop)));
+    assert!(backend.drift(1).is_infinite());
+    assert!(is_lost(GpuBackend::new(&device, 8).map(drop)));
+}
+
+/// Goal: the service computes on a device, loses it, opens it again, and ends with the same light. Method: a corridor
+/// served on any adapter, held against a solve of the whole; the device is destroyed under it.
+#[tokio::test]
+async fn a_service_outlives_its_device() {
+    let Some(probe) = device_or_skip() else { return };
+    let scene = imported(&fixtures::corridor_glb(8.0));
+    let lights = LightRig { sky: Sky::constant(Rgb::splat(1e4)), ..own_lights(&scene) };
+    let world = BakedWorld::new("corridor", &scene, lights, coarse(1.0, 16));
+    let solved = SolvedWorld::load(world.path());
+    let whole = solved.solve(&solved.lights);
+    let served = ServedWorld::start(world.path(), world.patch_count(), |config| {
+        config.backend = BackendKind::Gpu;
+        config.gpu_adapter = probe.name().to_owned();
+        config.engine.retry_after_s = 0.05;
+    })
+    .await;
+    let own: Lights =
+        earthshine_client::world(&served.uri, &ClientOptions::default()).await.expect("a description").lights;
+    let mut client = connect(&served.uri).await;
+    let centre = Vec3::new(4.0, 1.6, 1.5);
+    let before = settled_at(&mut client, centre).await;
+    assert_is(&solved, &whole, &before);
+    let first = served.device.get().expect("a device computes");
+    first.destroy();
+    // Lights that change make the engine ask, and find out.
+    let reopened = async {
+        let mut brighter = 1.0f32;
+        while served.device.get().is_none_or(|device| device.is_lost()) {
+            // Two scales in turn: each is a change of every patch that emits.
+            brighter = 3.0 - brighter;
+            let other = Lights { emission_scale: brighter, ..own.clone() };
+            client.set_lights(&other).expect("the session is open");
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    };
+    within("a device that was opened again", reopened).await;
+    client.set_lights(&own).expect("the session is open");
+    let after = settled_at(&mut client, centre).await;
+    assert_is(&solved, &whole, &after);
+    client.close().await;
+    served.stop().await.expect("a clean end");
 }

@@ -33,6 +33,12 @@ pub struct ServeArgs {
     /// Ticks between two audits of the solvers by the matrix; 0 for none
     #[arg(long, env = "EARTHSHINE_AUDIT", value_name = "TICKS")]
     pub audit: Option<u32>,
+    /// Part of the name of the graphics adapter to compute on; `earthshine gpu` lists them
+    #[arg(long, env = "EARTHSHINE_GPU_ADAPTER", value_name = "NAME")]
+    pub gpu_adapter: Option<String>,
+    /// Refuse an adapter with less room than is configured, instead of taking what fits
+    #[arg(long = "strict", env = "EARTHSHINE_GPU_STRICT")]
+    pub gpu_strict: bool,
     /// Sessions at once
     #[arg(long, env = "EARTHSHINE_SESSIONS_MAX", value_name = "COUNT")]
     pub sessions_max: Option<u32>,
@@ -81,6 +87,8 @@ impl ServeArgs {
         put(&mut config.backend, self.backend);
         put(&mut config.engine.solver.by_level, Some(self.solver).filter(|solvers| !solvers.is_empty()));
         put(&mut config.engine.solver.audit_every_ticks, self.audit);
+        put(&mut config.gpu_adapter, self.gpu_adapter);
+        config.gpu_strict |= self.gpu_strict;
         put(&mut config.engine.sessions_max, self.sessions_max);
         put(&mut config.tick_rate_hz, self.tick_rate_hz);
         put(&mut config.loader_threads, self.loader_threads);

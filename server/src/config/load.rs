@@ -1,6 +1,6 @@
 //! Reading and checking a configuration: every fault names its file, line and key, or its value and what was expected.
 
-use super::{BackendKind, Config};
+use super::Config;
 use earthshine_protocol::{LIGHTS_MAX, VOLUME_DIM_MAX, VOLUME_VOXELS_MAX};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -89,13 +89,6 @@ impl Config {
     /// # Errors
     /// [`ConfigError::Value`] for the first that does not.
     pub fn validate(&self) -> Result<(), ConfigError> {
-        if self.backend == BackendKind::Gpu {
-            return Err(refuse(
-                "backend",
-                "gpu",
-                "this build computes on the CPU only; use backend = \"cpu\"",
-            ));
-        }
         self.engine.validate()?;
         self.validate_counts()?;
         self.validate_times()
@@ -222,12 +215,11 @@ mod tests {
     }
 
     #[test]
-    fn what_this_build_cannot_do_is_refused_with_a_cure() {
+    fn what_cannot_work_is_refused_by_its_key() {
         let refusal = |text: &str| {
             let config = Config::parse(text, Path::new("a.toml")).unwrap();
             config.validate().unwrap_err().to_string()
         };
-        assert!(refusal("backend = \"gpu\"").contains("backend = \"cpu\""));
         assert!(refusal("tick_rate_hz = nan").contains("tick_rate_hz"));
         assert!(refusal("tile_queue = 0").contains("tile_queue"));
         assert!(refusal("volume_dims_max = [64, 64, 2000]").contains("volume_dims_max"));

@@ -16,6 +16,7 @@ mod error_view;
 mod exit_code;
 mod fly;
 mod generate;
+mod gpu;
 mod inspect;
 mod lights_wire;
 mod machine;
@@ -62,6 +63,8 @@ enum Command {
     Inspect(inspect::InspectArguments),
     /// Serves a world until SIGTERM or Ctrl-C.
     Serve(earthshine_server::ServeArgs),
+    /// Lists graphics adapters: what each can do, and how many patches fit.
+    Gpu(gpu::GpuArguments),
     /// Flies a camera through a served world: latencies, misses, pictures.
     Fly(fly::FlyArguments),
     /// Draws a scene: path-traced, by a world's light, in screen space, by progressive refinement.
@@ -85,6 +88,7 @@ fn main() -> ExitCode {
         Command::Bake(command) => bake::run(&command),
         Command::Inspect(command) => inspect::run(&command),
         Command::Serve(command) => serve::run(command),
+        Command::Gpu(command) => gpu::run(&command),
         Command::Fly(command) => fly::run(&command),
         Command::Render(command) => render::run(&command),
         Command::Compare(command) => compare::run(&command),

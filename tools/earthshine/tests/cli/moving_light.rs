@@ -34,7 +34,8 @@ fn solvers_are_measured_on_a_step_of_light() {
     let desk = desk();
     let base = ["bench", "temporal", "--world", "world", "--frames", "400"];
     let with = |more: &[&str]| run(desk.path(), &[&base[..], more].concat());
-    let found = with(&["--solver", "hybrid,progressive,gather", "--json", "--plot", "step"]).succeeds().json();
+    let found =
+        with(&["--solver", "hybrid,progressive,gather", "--json", "--plot", "step"]).succeeds().json();
     assert_eq!((&found["solver"], &found["k"]), (&"hybrid".into(), &32.into()), "{found}");
     assert!(found["frames_to_90"].as_u64().is_some_and(|frames| frames <= 6), "{found}");
     assert!(found["steady_rel_rmse"].as_f64().is_some_and(|error| error < 0.01), "{found}");
@@ -75,6 +76,7 @@ fn a_service_refuses_solvers_that_cannot_be() {
     with(&["--solver", "magic"]).fails(USAGE, &["magic", "hybrid"]);
     with(&["--set", "engine.solver.samples_per_row=0"])
         .fails(CONFIGURATION, &["solver.samples_per_row", "between 1 and 4096"]);
-    with(&["--set", "engine.solver.history_weight=1"]).fails(CONFIGURATION, &["solver.history_weight", "below 1"]);
+    with(&["--set", "engine.solver.history_weight=1"])
+        .fails(CONFIGURATION, &["solver.history_weight", "below 1"]);
     with(&["--set", "engine.solver.by_level=[]"]).fails(CONFIGURATION, &["solver.by_level"]);
 }

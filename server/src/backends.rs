@@ -1,0 +1,182 @@
+//! Who computes: backends for the engine, on the CPU or on a device that is opened again when it is lost.
+
+use crate::config::{BackendKind, Config};
+use crate::error::ServerError;
+use earthshine_engine::{BackendFactory, SolverConfig, SolverName};
+use earthshine_gpu::{AdapterChoice, GpuBackend, GpuDevice, GpuError, memory};
+use earthshine_radiosity::solver::{Method, SolverBackend, SolverSettings};
+use earthshine_radiosity::{Backend, BackendError, CpuBackend, LocalMatrix, Slot};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// The device that backends are built on, if any; shared so that it can be looked at from outside the engine's thread.
+#[derive(Debug, Clone, Default)]
+pub struct CurrentDevice(Arc<Mutex<Option<GpuDevice>>>);
+
+impl CurrentDevice {
+    /// None where the CPU computes.
+    #[must_use]
+    pub fn get(&self) -> Option<GpuDevice> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn set(&self, device: Option<GpuDevice>) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = device;
+    }
+}
+
+/// Opens the device that `config` asks for, and builds what computes: as many slots as asked for, or fewer if there is no
+/// memory for them.
+///
+/// # Errors
+/// [`ServerError::Gpu`], [`ServerError::GpuSlots`].
+pub(crate) fn backends(config: &Config) -> Result<(BackendFactory, CurrentDevice), ServerError> {
+    let current = CurrentDevice::default();
+    let choice = AdapterChoice { name: config.gpu_adapter.clone(), allow_software: false };
+    match (config.backend, open(config, &choice)) {
+        (BackendKind::Cpu, _) | (_, None) => return Ok((Box::new(on_cpu), current)),
+        (_, Some(Ok(device))) => {
+            fits(config, &device)?;
+            tracing::info!(adapter = device.name(), "computing on a device");
+            current.set(Some(device));
+        }
+        (BackendKind::Auto, Some(Err(error))) => {
+            tracing::warn!(%error, "computing on the CPU");
+            return Ok((Box::new(on_cpu), current));
+        }
+        (BackendKind::Gpu, Some(Err(error))) => return Err(ServerError::Gpu(error)),
+    }
+    let (shared, strict) = (current.clone(), config.gpu_strict);
+    let build = move |wanted| match reopened(&shared, &choice) {
+        Some(device) => on_device(&device, wanted, strict),
+        None => on_cpu(wanted),
+    };
+    Ok((Box::new(build), current))
+}
+
+/// Backends that solve as the configuration says, with matrices of `matrices` where they need one.
+pub(crate) fn solving(matrices: BackendFactory, config: &SolverConfig) -> BackendFactory {
+    let matrices = Arc::new(Mutex::new(matrices));
+    // A matrix says first how many slots there is memory for.
+    let needs_matrix = config.audit_every_ticks > 0 || config.by_level.contains(&SolverName::Matrix);
+    let method = if needs_matrix { Method::Matrix } else { Method::Gather };
+    Box::new(move |capacity| {
+        let matrices = Arc::clone(&matrices);
+        let make = move |capacity| (matrices.lock().unwrap_or_else(PoisonError::into_inner))(capacity);
+        // The engine tells each level's solver.
+        let settings = SolverSettings { method, ..SolverSettings::default() };
+        Ok(Box::new(SolverBackend::new(capacity, settings, Box::new(make))?) as Box<dyn Backend>)
+    })
+}
+
+fn open(config: &Config, choice: &AdapterChoice) -> Option<Result<GpuDevice, GpuError>> {
+    (config.backend != BackendKind::Cpu).then(|| GpuDevice::open(choice))
+}
+
+/// A matrix as large as configured fits the device's limits, or less is said, or refused if `gpu_strict`.
+fn fits(config: &Config, device: &GpuDevice) -> Result<(), ServerError> {
+    let most = memory::slots_max(device.binding_bytes_max()).min(LocalMatrix::CAPACITY_MAX);
+    let wanted = config.engine.resident_patches_max;
+    if wanted <= most {
+        return Ok(());
+    }
+    if config.gpu_strict {
+        return Err(ServerError::GpuSlots { adapter: device.name().to_owned(), wanted, most });
+    }
+    tracing::warn!(adapter = device.name(), wanted, most, "the device's limits allow fewer resident patches");
+    Ok(())
+}
+
+/// The device, opened again if it was lost; none where that fails, once more tried with the next backend.
+fn reopened(current: &CurrentDevice, choice: &AdapterChoice) -> Option<GpuDevice> {
+    if let Some(device) = current.get().filter(|device| !device.is_lost()) {
+        return Some(device);
+    }
+    match GpuDevice::open(choice) {
+        Ok(device) => {
+            tracing::warn!(adapter = device.name(), "a lost device was opened again");
+            current.set(Some(device.clone()));
+            Some(device)
+        }
+        Err(error) => {
+            tracing::error!(%error, "a lost device could not be opened again; computing on the CPU");
+            None
+        }
+    }
+}
+
+fn on_device(device: &GpuDevice, wanted: u32, strict: bool) -> Result<Box<dyn Backend>, BackendError> {
+    let most = memory::slots_max(device.binding_bytes_max()).min(LocalMatrix::CAPACITY_MAX);
+    let capacity = if strict { wanted } else { wanted.min(most) };
+    halving(wanted, capacity, strict, |capacity| {
+        GpuBackend::new(device, capacity).map(|backend| Box::new(backend) as Box<dyn Backend>)
+    })
+}
+
+fn on_cpu(wanted: u32) -> Result<Box<dyn Backend>, BackendError> {
+    halving(wanted, wanted, false, |capacity| match CpuBackend::new(capacity) {
+        Ok(backend) => Ok(Box::new(backend) as Box<dyn Backend>),
+        Err(_) => Err(BackendError::OutOfMemory { slots: capacity, bytes: LocalMatrix::bytes(capacity) }),
+    })
+}
+
+/// Tries `capacity` slots, then half of them and so on for want of memory, unless `strict`.
+fn halving(
+    wanted: u32,
+    mut capacity: u32,
+    strict: bool,
+    build: impl Fn(u32) -> Result<Box<dyn Backend>, BackendError>,
+) -> Result<Box<dyn Backend>, BackendError> {
+    loop {
+        match build(capacity) {
+            Err(cause @ BackendError::OutOfMemory { .. }) if !strict => {
+                tracing::warn!(%cause, capacity, "a local matrix was refused");
+                capacity /= 2;
+                if capacity == 0 {
+                    return Err(BackendError::SlotOutside(Slot(wanted), 0));
+                }
+            }
+            result => return result,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn config(backend: BackendKind, gpu_adapter: &str) -> Config {
+        Config { backend, gpu_adapter: gpu_adapter.to_owned(), ..Config::default() }
+    }
+
+    /// Goal: no adapter is a refusal with a cure if one was asked for, and the CPU if not. Method: an adapter that
+    /// nobody has.
+    #[test]
+    fn without_an_adapter_gpu_is_refused_and_auto_computes_on_the_cpu() {
+        let name = "an adapter that nobody has";
+        let Err(error) = backends(&config(BackendKind::Gpu, name)) else { panic!("there is none") };
+        assert!(matches!(error, ServerError::Gpu(_)) && error.exit_code() == 5, "{error}");
+        for kind in [BackendKind::Auto, BackendKind::Cpu] {
+            let (mut build, device) = backends(&config(kind, name)).expect("the CPU is there");
+            assert_eq!(build(8).expect("a small matrix").capacity(), 8);
+            assert!(device.get().is_none());
+        }
+    }
+
+    /// Goal: a device without room gives fewer slots, or an error if fewer are not wanted; other errors are not retried.
+    #[test]
+    fn want_of_memory_halves_unless_strict() {
+        let small = |capacity| {
+            if capacity > 10 {
+                Err(BackendError::OutOfMemory { slots: capacity, bytes: 1 })
+            } else {
+                on_cpu(capacity)
+            }
+        };
+        assert_eq!(halving(64, 64, false, small).expect("8 fit").capacity(), 8);
+        assert!(matches!(halving(64, 64, true, small), Err(BackendError::OutOfMemory { .. })));
+        let none = |capacity| Err(BackendError::OutOfMemory { slots: capacity, bytes: 1 });
+        assert!(matches!(halving(64, 64, false, none), Err(BackendError::SlotOutside(Slot(64), 0))));
+        let lost = |_| Err(BackendError::DeviceLost { cause: "gone".to_owned() });
+        assert!(matches!(halving(64, 64, false, lost), Err(BackendError::DeviceLost { .. })));
+    }
+}

@@ -1,0 +1,121 @@
+//! `earthshine gpu`: the graphics adapters there are, what each can do, and how many patches fit.
+
+use crate::output::out;
+use clap::Args;
+use earthshine_gpu::adapter::{AdapterReport, list};
+use earthshine_gpu::memory;
+use serde::Serialize;
+
+/// Arguments of `earthshine gpu`.
+#[derive(Args)]
+#[command(after_help = "Examples:
+  earthshine gpu
+  earthshine gpu --json
+  earthshine serve world --backend gpu --gpu-adapter nvidia")]
+pub(crate) struct GpuArguments {
+    /// Print one JSON object instead of lines.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Matrix sizes whose memory is listed.
+const SLOTS: [u32; 6] = [1024, 2048, 4096, 8192, 16_384, 23_170];
+
+#[derive(Serialize)]
+struct Listing {
+    adapters: Vec<Adapter>,
+    /// What a matrix takes on any device.
+    memory: Vec<Memory>,
+}
+
+#[derive(Serialize)]
+struct Adapter {
+    name: String,
+    driver: String,
+    api: String,
+    kind: &'static str,
+    binding_bytes_max: u64,
+    buffer_bytes_max: u64,
+    workgroup_bytes_max: u32,
+    subgroup_size_min: u32,
+    subgroup_size_max: u32,
+    has_subgroups: bool,
+    has_f16: bool,
+    has_timestamps: bool,
+    slots_unsplit_max: u32,
+    slots_max: u32,
+    unusable: Option<String>,
+}
+
+impl From<AdapterReport> for Adapter {
+    fn from(report: AdapterReport) -> Self {
+        Self {
+            name: report.name,
+            driver: report.driver,
+            api: report.api,
+            kind: report.kind,
+            binding_bytes_max: report.binding_bytes_max,
+            buffer_bytes_max: report.buffer_bytes_max,
+            workgroup_bytes_max: report.workgroup_bytes_max,
+            subgroup_size_min: report.subgroup_sizes.0,
+            subgroup_size_max: report.subgroup_sizes.1,
+            has_subgroups: report.has_subgroups,
+            has_f16: report.has_f16,
+            has_timestamps: report.has_timestamps,
+            slots_unsplit_max: report.slots_unsplit_max,
+            slots_max: report.slots_max,
+            unusable: report.unusable,
+        }
+    }
+}
+
+#[derive(Serialize)]
+struct Memory {
+    slots: u32,
+    plane_bytes: u64,
+    device_bytes: u64,
+}
+
+/// Runs the subcommand. No adapter is no error: the list is empty.
+pub(crate) fn run(arguments: &GpuArguments) -> anyhow::Result<()> {
+    let memory = SLOTS.map(|slots| Memory {
+        slots,
+        plane_bytes: memory::plane_bytes(slots),
+        device_bytes: memory::device_bytes(slots),
+    });
+    let listing =
+        Listing { adapters: list().into_iter().map(Adapter::from).collect(), memory: memory.into() };
+    if arguments.json {
+        out!("{}", serde_json::to_string(&listing)?);
+        return Ok(());
+    }
+    if listing.adapters.is_empty() {
+        out!("no graphics adapter: `serve` computes on the CPU");
+    }
+    for adapter in &listing.adapters {
+        print_adapter(adapter);
+    }
+    out!("{:>8}  {:>14}  {:>14}", "patches", "MiB a plane", "MiB in all");
+    for of in &listing.memory {
+        let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
+        out!("{:>8}  {:>14.1}  {:>14.1}", of.slots, mib(of.plane_bytes), mib(of.device_bytes));
+    }
+    Ok(())
+}
+
+fn print_adapter(adapter: &Adapter) {
+    let yes = |has: bool| if has { "yes" } else { "no" };
+    out!("{}", adapter.name);
+    out!("{:>24}  {} ({}, {})", "driver", adapter.driver, adapter.api, adapter.kind);
+    out!("{:>24}  {} MiB", "largest binding", adapter.binding_bytes_max >> 20);
+    out!("{:>24}  {} KiB", "workgroup memory", adapter.workgroup_bytes_max >> 10);
+    let (least, most) = (adapter.subgroup_size_min, adapter.subgroup_size_max);
+    out!("{:>24}  {} ({least} to {most} threads)", "subgroups", yes(adapter.has_subgroups));
+    out!("{:>24}  {}", "16-bit floats", yes(adapter.has_f16));
+    out!("{:>24}  {}", "timestamps", yes(adapter.has_timestamps));
+    let split = adapter.slots_unsplit_max;
+    out!("{:>24}  {} (planes split above {split})", "resident patches, most", adapter.slots_max);
+    if let Some(cause) = &adapter.unusable {
+        out!("{:>24}  {cause}", "cannot be used");
+    }
+}
