@@ -1,6 +1,6 @@
 //! A scene becomes a world in a scratch folder that goes when the test ends.
 
-use earthshine_bake::{BakeOptions, BakeSummary, Levels, Silent, bake};
+use earthshine_bake::{BakeOptions, BakeSummary, Levels, MemoryLimit, Shard, Silent, bake};
 use earthshine_scene::{ImportOptions, Scene, light_rig, load_bytes};
 use earthshine_tiles::{BakeParameters, RowCodec};
 use earthshine_world::{Grid, LightRig};
@@ -75,6 +75,9 @@ impl BakedWorld {
             lights,
             overwrite: false,
             levels,
+            shard: Shard::default(),
+            memory: MemoryLimit::default(),
+            discard_work: false,
         };
         let summary = bake(scene, &path, &options, &Silent)
             .unwrap_or_else(|error| panic!("{name} does not bake: {error}"));

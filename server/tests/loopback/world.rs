@@ -93,6 +93,7 @@ pub(crate) fn write(folder: &Path) {
     let manifest = Manifest {
         format_version: format::VERSION,
         world_hash: WORLD_HASH,
+        content_hash: WORLD_HASH,
         scene: "two plates".to_owned(),
         parameters: BakeParameters::default(),
         bounds: Bounds { min: Vec3::splat(4.0), max: Vec3::new(9.0, 5.0, 5.0) },

@@ -12,7 +12,7 @@ use std::path::Path;
 /// How to encode, and for which world.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EncodeOptions {
-    /// Hash of bake parameters and scene: a tile of another world is refused by the store.
+    /// Hash of bake parameters: a tile of another world is refused by the store.
     pub world_hash: u64,
     /// How rows are stored.
     pub codec: RowCodec,

@@ -30,7 +30,7 @@ use earthshine_world::{ChunkCoord, ChunkId};
 use std::path::Path;
 
 /// Version of the tile format and of `world.toml`. Any change of a layout is a new number.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 /// First bytes of a tile. The last two find files that were copied as text.
 pub const MAGIC: [u8; 8] = *b"EARTHS\r\n";
 /// Sections besides row groups: patches, points, segments, receivers and their segments, occluders.
@@ -50,7 +50,7 @@ pub struct TileHeader {
     pub version: u32,
     /// The number of a [`RowCodec`](crate::RowCodec).
     pub row_codec: u32,
-    /// Hash of bake parameters and scene.
+    /// Hash of bake parameters.
     pub world_hash: u64,
     /// Length of the whole file.
     pub file_bytes: u64,

@@ -18,9 +18,13 @@ use std::path::{Component, Path};
 pub struct Manifest {
     /// [`VERSION`].
     pub format_version: u32,
-    /// Hash of bake parameters and scene; in every tile's header too.
+    /// Hash of the bake parameters; in every tile's header too. A server takes a new manifest for another state of
+    /// its world if this one has not changed.
     #[serde(with = "hex")]
     pub world_hash: u64,
+    /// Hash of scene and parameters: which state of the world this is.
+    #[serde(with = "hex")]
+    pub content_hash: u64,
     /// Name of the scene, for people.
     pub scene: String,
     /// What the bake was asked for.

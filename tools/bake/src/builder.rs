@@ -3,13 +3,14 @@
 //! A bake's [`BakeMethod`](earthshine_tiles::BakeMethod) names one of each, and any goes with any. Between the two
 //! stands [`exposure`](crate::exposure), which is the same for all. Start at [`Builder::surfaces`].
 
+use crate::cells::Eye;
 use crate::clusters::clusters_of;
 use crate::exposure::{Exposure, ExposureTest};
 use crate::hammersley::sample_voxels;
 use crate::patches::PatchSet;
 use crate::progress::{Progress, Stage};
 use crate::rows::RAY_OFFSET;
-use crate::sample::{SurfaceSample, sample_triangle};
+use crate::sample::{EVERYWHERE, SurfaceSample, sample_triangle};
 use earthshine_scene::Scene;
 use earthshine_tiles::{BakeParameters, PatchBuilder, SampleSource};
 use earthshine_trace::SceneTracer;
@@ -66,12 +67,9 @@ impl Builder<'_> {
         let cast = AtomicU64::new(0);
         let exposures: Vec<Exposure> = samples
             .par_chunks(BATCH)
-            .enumerate()
-            .flat_map_iter(|(batch, run)| {
-                let test = self.exposure_test();
-                let number = |i: usize| (batch * BATCH + i) as u64;
-                let found: Vec<Exposure> =
-                    run.iter().enumerate().map(|(i, sample)| test.of(sample, number(i))).collect();
+            .flat_map_iter(|run| {
+                let test = self.exposure_test(self.tracer.into());
+                let found: Vec<Exposure> = run.iter().map(|sample| test.of(sample)).collect();
                 cast.fetch_add(test.cast.get(), Ordering::Relaxed);
                 progress.advance(run.len() as u64);
                 found
@@ -83,10 +81,10 @@ impl Builder<'_> {
         cast.into_inner()
     }
 
-    fn exposure_test(&self) -> ExposureTest<'_> {
+    pub(crate) fn exposure_test<'b>(&'b self, tracer: Eye<'b>) -> ExposureTest<'b> {
         let voxel_edge_m = self.parameters.grid.voxel_edge_m;
         ExposureTest {
-            tracer: self.tracer,
+            tracer,
             rays: self.parameters.buried_rays,
             voxel_edge_m,
             off_surface_m: RAY_OFFSET * voxel_edge_m,
@@ -118,7 +116,7 @@ fn covered(scene: &Scene, parameters: &BakeParameters, progress: &dyn Progress) 
             let range = batch * BATCH..((batch + 1) * BATCH).min(total);
             let done = range.len() as u64;
             for triangle in range {
-                sample_triangle(scene, triangle, parameters, |sample| samples.push(sample));
+                sample_triangle(scene, triangle, parameters, EVERYWHERE, |sample| samples.push(sample));
             }
             progress.advance(done);
             samples

@@ -75,44 +75,69 @@ impl Polygon {
 ///
 /// The areas of the pieces add up to the triangle's. A triangle that lies in a face of the grid goes to the
 /// cell above it: callers that care shift it to the side they mean first.
-pub fn clip_to_grid(corners: [Vec3; 3], cell_edge: f32, mut piece: impl FnMut(IVec3, &Polygon)) {
-    let low = corners[0].min(corners[1]).min(corners[2]);
-    let high = corners[0].max(corners[1]).max(corners[2]);
-    let first = (low / cell_edge).floor().as_ivec3();
-    let last = (high / cell_edge).floor().as_ivec3();
-    let whole = Polygon::triangle(corners);
-    if first == last {
-        piece(first, &whole);
+pub fn clip_to_grid(corners: [Vec3; 3], cell_edge: f32, piece: impl FnMut(IVec3, &Polygon)) {
+    clip_to_cells(corners, cell_edge, (IVec3::MIN, IVec3::MAX), piece);
+}
+
+/// As [`clip_to_grid`], for the cells from `low` to `high` (inclusive) alone: the cost is that of these cells.
+pub fn clip_to_cells(
+    corners: [Vec3; 3],
+    cell_edge: f32,
+    (low, high): (IVec3, IVec3),
+    mut piece: impl FnMut(IVec3, &Polygon),
+) {
+    let least = corners[0].min(corners[1]).min(corners[2]);
+    let most = corners[0].max(corners[1]).max(corners[2]);
+    let crossed = ((least / cell_edge).floor().as_ivec3(), (most / cell_edge).floor().as_ivec3());
+    let wanted = (crossed.0.max(low), crossed.1.min(high));
+    if wanted.0.cmpgt(wanted.1).any() {
         return;
     }
-    slabs(&whole, 0, first, last, cell_edge, &mut |x, slab| {
-        slabs(slab, 1, first, last, cell_edge, &mut |y, beam| {
-            slabs(beam, 2, first, last, cell_edge, &mut |z, cell| piece(IVec3::new(x, y, z), cell));
+    let whole = Polygon::triangle(corners);
+    if crossed.0 == crossed.1 {
+        piece(crossed.0, &whole);
+        return;
+    }
+    let cut = |axis: usize| Slabs { axis, crossed, wanted, edge: cell_edge };
+    cut(0).of(&whole, &mut |x, slab| {
+        cut(1).of(slab, &mut |y, beam| {
+            cut(2).of(beam, &mut |z, cell| piece(IVec3::new(x, y, z), cell));
         });
     });
 }
 
-fn slabs(
-    polygon: &Polygon,
+/// Cuts along one axis.
+struct Slabs {
     axis: usize,
-    first: IVec3,
-    last: IVec3,
+    /// First and last cell that the triangle crosses.
+    crossed: (IVec3, IVec3),
+    /// Those of them that are asked for.
+    wanted: (IVec3, IVec3),
     edge: f32,
-    each: &mut dyn FnMut(i32, &Polygon),
-) {
-    let mut rest = *polygon;
-    for cell in first[axis]..last[axis] {
-        let (below, above) = rest.split(axis, (cell + 1) as f32 * edge);
-        if below.count >= 3 && below.area() > 0.0 {
-            each(cell, &below);
+}
+
+impl Slabs {
+    fn of(&self, polygon: &Polygon, each: &mut dyn FnMut(i32, &Polygon)) {
+        let Self { axis, edge, .. } = *self;
+        let (first, last) = (self.wanted.0[axis], self.wanted.1[axis]);
+        let mut rest = *polygon;
+        if first > self.crossed.0[axis] {
+            rest = rest.split(axis, first as f32 * edge).1;
         }
-        rest = above;
-        if rest.count < 3 {
-            return;
+        for cell in first..=last {
+            if rest.count < 3 {
+                return;
+            }
+            let (below, above) = if cell < self.crossed.1[axis] {
+                rest.split(axis, (cell + 1) as f32 * edge)
+            } else {
+                (rest, rest)
+            };
+            if below.count >= 3 && below.area() > 0.0 {
+                each(cell, &below);
+            }
+            rest = above;
         }
-    }
-    if rest.area() > 0.0 {
-        each(last[axis], &rest);
     }
 }
 
@@ -134,5 +159,22 @@ mod tests {
         });
         assert!((area / Polygon::triangle(triangle).area() - 1.0).abs() < 1e-5);
         assert!(count > 20);
+    }
+
+    #[test]
+    fn pieces_of_some_cells_are_those_of_all() {
+        let triangle = [Vec3::new(-1.3, 0.2, 0.7), Vec3::new(2.9, 1.1, -0.4), Vec3::new(0.3, 3.7, 2.2)];
+        let (low, high) = (IVec3::new(0, 1, 0), IVec3::new(2, 4, 2));
+        let (mut all, mut some) = (Vec::new(), Vec::new());
+        clip_to_grid(triangle, 0.5, |cell, polygon| {
+            if cell.cmpge(low).all() && cell.cmple(high).all() {
+                all.push((cell, polygon.area()));
+            }
+        });
+        clip_to_cells(triangle, 0.5, (low, high), |cell, polygon| some.push((cell, polygon.area())));
+        assert!(some.len() > 5 && all.len() == some.len());
+        for (a, b) in all.iter().zip(&some) {
+            assert!(a.0 == b.0 && (a.1 - b.1).abs() < 1e-5, "{a:?} {b:?}");
+        }
     }
 }

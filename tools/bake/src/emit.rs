@@ -1,60 +1,54 @@
 //! Chunks to tiles: rows in local numbers, sample points, receivers, occluders; the manifest last.
 
 use crate::BakeError;
-use crate::clip::{Polygon, clip_to_grid};
+use crate::clip::{Polygon, clip_to_cells};
 use crate::patches::PatchSet;
-use crate::receivers::ReceiverSet;
+use crate::receivers::BakeReceiver;
 use crate::rows::RawRow;
 use crate::sample::SurfaceSample;
+use crate::surfaces::ChunkSurfaces;
 use earthshine_scene::Scene;
 use earthshine_tiles::BakeParameters;
 use earthshine_world::{Chunk, ChunkId, ChunkRows, Column, Grid, OccluderMesh, Receivers, SamplePoint, Vec3};
 use glam::IVec3;
-use std::collections::BTreeMap;
+
+/// Makes the chunks of a world.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Emitter<'a> {
+    /// All patches.
+    pub(crate) set: &'a PatchSet,
+    /// Of the bake.
+    pub(crate) parameters: &'a BakeParameters,
+}
 
 /// Everything a chunk is made of.
 #[derive(Debug)]
-pub struct Emitter<'a> {
-    /// Where samples came from.
-    pub samples: &'a [SurfaceSample],
-    /// All patches.
-    pub set: &'a PatchSet,
+pub(crate) struct Parts<'a> {
+    /// With patches in the order of the set.
+    pub(crate) surfaces: &'a ChunkSurfaces<'a>,
     /// One a patch, balanced.
-    pub rows: &'a [RawRow],
-    /// All receivers.
-    pub receivers: &'a ReceiverSet,
-    /// Occluders by chunk.
-    pub occluders: &'a BTreeMap<[i32; 3], OccluderMesh>,
-    /// Of the bake.
-    pub parameters: &'a BakeParameters,
+    pub(crate) rows: &'a [RawRow],
+    /// Ascending by place.
+    pub(crate) receivers: &'a [BakeReceiver],
+    pub(crate) occluders: OccluderMesh,
 }
 
 impl Emitter<'_> {
-    /// Every chunk that has patches, receivers or occluders, ascending.
-    #[must_use]
-    pub fn chunk_coords(&self) -> Vec<[i32; 3]> {
-        let keys = self.set.chunks.keys().chain(self.receivers.keys()).chain(self.occluders.keys());
-        let mut coords: Vec<_> = keys.copied().collect();
-        coords.sort_unstable();
-        coords.dedup();
-        coords
-    }
-
     /// The chunk at `coord`.
     ///
     /// # Errors
     /// More patches than a tile can number.
-    pub fn chunk(&self, coord: [i32; 3]) -> Result<Chunk, BakeError> {
-        let range = self.set.chunks.get(&coord).cloned().unwrap_or(0..0);
-        if range.len() > Chunk::PATCHES_MAX {
+    pub(crate) fn chunk(&self, coord: [i32; 3], parts: Parts<'_>) -> Result<Chunk, BakeError> {
+        let ChunkSurfaces { samples, patches: sources, .. } = parts.surfaces;
+        if sources.len() > Chunk::PATCHES_MAX {
             return Err(BakeError::TooManyPatches {
                 chunk: coord,
-                patches: range.len(),
+                patches: sources.len(),
                 max: Chunk::PATCHES_MAX,
             });
         }
-        let (mut patches, mut points) = (Vec::with_capacity(range.len()), Vec::new());
-        for source in &self.set.patches[range.start as usize..range.end as usize] {
+        let (mut patches, mut points) = (Vec::with_capacity(sources.len()), Vec::new());
+        for source in sources.iter() {
             let chosen =
                 source.representative_samples(self.parameters.points_per_patch, self.parameters.seed);
             let mut patch = source.patch;
@@ -62,25 +56,24 @@ impl Emitter<'_> {
             patch.point_count = chosen.len() as u32;
             patches.push(patch);
             points.extend(chosen.iter().map(|&sample| {
-                let SurfaceSample { position, normal, .. } = self.samples[sample as usize];
+                let SurfaceSample { position, normal, .. } = samples[sample as usize];
                 SamplePoint { position, normal }
             }));
         }
+        let receiver_rows: Vec<&RawRow> = parts.receivers.iter().map(|receiver| &receiver.row).collect();
+        let places = parts.receivers.iter().map(|receiver| receiver.place).collect();
         Ok(Chunk {
             id: ChunkId::new(0, IVec3::from(coord)),
             patches,
             points,
-            rows: self.local_rows(&self.rows[range.start as usize..range.end as usize]),
-            receivers: self.receivers_of(coord),
-            occluders: self.occluders.get(&coord).cloned().unwrap_or_default(),
+            rows: self.local_rows(parts.rows),
+            receivers: if parts.receivers.is_empty() {
+                Receivers::default()
+            } else {
+                Receivers { places, rows: self.local_rows(&receiver_rows) }
+            },
+            occluders: parts.occluders,
         })
-    }
-
-    fn receivers_of(&self, coord: [i32; 3]) -> Receivers {
-        let Some(receivers) = self.receivers.get(&coord) else { return Receivers::default() };
-        let rows: Vec<&RawRow> = receivers.iter().map(|receiver| &receiver.row).collect();
-        let places = receivers.iter().map(|receiver| receiver.place).collect();
-        Receivers { places, rows: self.local_rows(&rows) }
     }
 
     /// `rows` with columns as (segment, local).
@@ -132,20 +125,21 @@ impl Emitter<'_> {
     }
 }
 
-/// Cuts all triangles at chunk faces: each chunk holds just the shadow casters inside it.
-#[must_use]
-pub fn occluders_by_chunk(scene: &Scene, grid: Grid) -> BTreeMap<[i32; 3], OccluderMesh> {
-    let mut meshes: BTreeMap<[i32; 3], OccluderMesh> = BTreeMap::new();
-    for (index, &corners) in scene.triangles.iter().enumerate() {
-        let surface = mean_surface(scene, index);
+/// The shadow casters of `chunk`: `triangles`, which hold all that touch it, cut at its faces.
+pub(crate) fn occluders(scene: &Scene, triangles: &[u32], grid: Grid, chunk: [i32; 3]) -> OccluderMesh {
+    let mut mesh = OccluderMesh::default();
+    let cell = IVec3::from(chunk);
+    for &triangle in triangles {
+        let surface = mean_surface(scene, triangle as usize);
         if surface[3] == 0 {
             continue;
         }
-        clip_to_grid(corners, grid.chunk_edge_m(), |chunk, polygon| {
-            add_polygon(meshes.entry(chunk.to_array()).or_default(), polygon, surface);
+        let corners = scene.triangles[triangle as usize];
+        clip_to_cells(corners, grid.chunk_edge_m(), (cell, cell), |_, polygon| {
+            add_polygon(&mut mesh, polygon, surface);
         });
     }
-    meshes
+    mesh
 }
 
 fn add_polygon(mesh: &mut OccluderMesh, polygon: &Polygon, surface: [u8; 4]) {

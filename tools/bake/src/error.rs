@@ -30,7 +30,7 @@ pub enum BakeError {
     },
     /// The voxels are so small that the samples would not fit in memory.
     #[error(
-        "a voxel edge of {voxel_edge_m} m makes about {samples} samples: more than memory holds; try --voxel {suggested_m:.3}"
+        "a voxel edge of {voxel_edge_m} m makes about {samples} samples: more than memory or time suffices for; try --voxel {suggested_m:.3}"
     )]
     TooFine {
         /// m.
@@ -69,6 +69,28 @@ pub enum BakeError {
         path: PathBuf,
         /// What is in it.
         scene: String,
+    },
+    /// More memory than was allowed.
+    #[error(
+        "{what} take about {needed_mib} MiB, and --memory allows {limit_mib} MiB: allow more, use larger voxels (--voxel {suggested_m}), or cut the scene into worlds"
+    )]
+    Memory {
+        /// What takes it.
+        what: &'static str,
+        /// MiB.
+        needed_mib: u64,
+        /// MiB.
+        limit_mib: u64,
+        /// A voxel edge that might do, m.
+        suggested_m: f32,
+    },
+    /// The work folder is not as the bake left it.
+    #[error(
+        "the work folder changed under the bake (chunk {chunk:?}): let processes of the same program bake the same scene into it, and run the command again"
+    )]
+    WorkChanged {
+        /// Chunk coordinates.
+        chunk: [i32; 3],
     },
     /// A folder could not be made, read or cleared.
     #[error("{path:?}: {source}")]

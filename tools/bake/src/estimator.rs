@@ -5,9 +5,10 @@
 
 use crate::BakeError;
 use crate::adaptive::{ErrorTarget, refined_row};
+use crate::patches::PatchSet;
 use crate::point_rows::PointSums;
 use crate::rows::{RawRow, RowCaster};
-use earthshine_tiles::{BakeMethod, RowEstimator};
+use earthshine_tiles::{BakeMethod, BakeParameters, RowEstimator};
 use earthshine_world::Rgb;
 
 /// Finds rows as the bake's parameters say.
@@ -32,23 +33,32 @@ impl<'a> Estimator<'a> {
     /// # Errors
     /// [`BakeError::TooManyPairs`] for a sum over points on more patches than it is for.
     pub fn new(caster: RowCaster<'a>) -> Result<Self, BakeError> {
+        let factor = emitter_factor(caster.set, caster.parameters);
+        let of_rays = Self::with_factor(caster, factor);
+        match caster.parameters.method.estimator {
+            RowEstimator::Points => Ok(Self { way: Way::Points(PointSums::new(&caster)?), ..of_rays }),
+            RowEstimator::Rays => Ok(of_rays),
+        }
+    }
+
+    /// The one that casts rays, where it is known that emitters cast `emitter_factor` times the rays of others.
+    pub(crate) fn with_factor(caster: RowCaster<'a>, emitter_factor: u32) -> Self {
         let method = &caster.parameters.method;
         let way = match method.estimator {
-            RowEstimator::Points => Way::Points(PointSums::new(&caster)?),
             RowEstimator::Rays if method.row_error > 0.0 => Way::Refined(ErrorTarget {
                 error: method.row_error,
                 rays_min: method.rays_min,
                 rays_max: method.rays_max,
             }),
-            RowEstimator::Rays => Way::Rays(caster.parameters.rays_per_patch),
+            RowEstimator::Rays | RowEstimator::Points => Way::Rays(caster.parameters.rays_per_patch),
         };
-        Ok(Self { caster, way, emitter_factor: emitter_factor(&caster) })
+        Self { caster, way, emitter_factor }
     }
 
     /// The row of patch `index`. Its `rays` are those cast for it, or what it weighs as much as.
     #[must_use]
     pub fn row(&self, index: u32) -> RawRow {
-        let factor = if emits(&self.caster, index as usize) { self.emitter_factor } else { 1 };
+        let factor = if emits(self.caster.set, index as usize) { self.emitter_factor } else { 1 };
         let times = |rays: u32| rays.saturating_mul(factor).min(BakeMethod::RAYS_MAX);
         match &self.way {
             Way::Rays(rays) => self.caster.row(index, times(*rays)),
@@ -66,17 +76,16 @@ impl<'a> Estimator<'a> {
     }
 }
 
-fn emits(caster: &RowCaster<'_>, patch: usize) -> bool {
-    caster.set.patches[patch].patch.emission != Rgb::ZERO
+fn emits(set: &PatchSet, patch: usize) -> bool {
+    set.patches[patch].patch.emission != Rgb::ZERO
 }
 
 /// What the parameters allow, but no more rays for all emitters than for all patches. A power of two, so that it
 /// seldom changes with the scene.
-fn emitter_factor(caster: &RowCaster<'_>) -> u32 {
-    let patches = caster.set.len();
-    let emitters = (0..patches).filter(|&patch| emits(caster, patch)).count();
-    let room = (patches / emitters.max(1)).clamp(1, BakeMethod::EMITTER_FACTOR_MAX as usize) as u32;
-    let allowed = caster.parameters.method.emitter_factor.clamp(1, room);
+pub(crate) fn emitter_factor(set: &PatchSet, parameters: &BakeParameters) -> u32 {
+    let emitters = (0..set.len()).filter(|&patch| emits(set, patch)).count();
+    let room = (set.len() / emitters.max(1)).clamp(1, BakeMethod::EMITTER_FACTOR_MAX as usize) as u32;
+    let allowed = parameters.method.emitter_factor.clamp(1, room);
     1 << allowed.ilog2()
 }
 

@@ -10,8 +10,8 @@
 //! only where a patch has nothing else. *Open* points share in it by their openness: a patch's exitance is
 //! what others see of it.
 
+use crate::cells::Eye;
 use crate::sample::SurfaceSample;
-use earthshine_trace::SceneTracer;
 use earthshine_trace::hemisphere::{cosine_direction, spread_pair};
 use earthshine_world::random::{Purpose, hash, unit_pair};
 use earthshine_world::{Light, Vec3};
@@ -44,7 +44,7 @@ const LIGHT_PATH_SEGMENTS: u64 = 6;
 #[derive(Debug)]
 pub struct ExposureTest<'a> {
     /// The scene.
-    pub tracer: &'a SceneTracer<'a>,
+    pub tracer: Eye<'a>,
     /// Most rays a point; most points need few.
     pub rays: u32,
     /// m.
@@ -58,9 +58,10 @@ pub struct ExposureTest<'a> {
 }
 
 impl ExposureTest<'_> {
-    /// How exposed `sample` is; `key` is its number.
+    /// How exposed `sample` is.
     #[must_use]
-    pub fn of(&self, sample: &SurfaceSample, key: u64) -> Exposure {
+    pub fn of(&self, sample: &SurfaceSample) -> Exposure {
+        let key = sample.key();
         let (shift_u, shift_v) = unit_pair(hash(self.seed, Purpose::BuriedTest, key, 0));
         let origin = sample.position + sample.normal * self.off_surface_m;
         let (mut back, mut near) = (0, 0);
@@ -70,8 +71,8 @@ impl ExposureTest<'_> {
             let (u, v) = spread_pair(index, shift_u, shift_v);
             let direction = cosine_direction(sample.normal, u, v);
             self.count_ray();
-            if let Some(hit) = self.tracer.closest(origin, direction, 0.0, f32::INFINITY) {
-                back += u32::from(self.tracer.is_back(&hit));
+            if let Some(hit) = self.tracer.closest(origin, direction, f32::INFINITY) {
+                back += u32::from(self.tracer.tracer().is_back(&hit));
                 near += u32::from(hit.distance < NEAR_VOXELS * self.voxel_edge_m);
             }
             if index + 1 == FIRST_RAYS && back == 0 && near < FIRST_RAYS / 2 {
@@ -109,13 +110,13 @@ impl ExposureTest<'_> {
                 let (u, v) = unit_pair(bits);
                 let direction = cosine_direction(side, u, v);
                 self.count_ray();
-                let Some(hit) = self.tracer.closest(place, direction, 0.0, f32::INFINITY) else {
+                let Some(hit) = self.tracer.closest(place, direction, f32::INFINITY) else {
                     return true;
                 };
-                if self.tracer.surface(&hit).emitted_radiance != Vec3::ZERO {
+                if self.tracer.tracer().surface(&hit).emitted_radiance != Vec3::ZERO {
                     return true;
                 }
-                side = self.tracer.normal(&hit);
+                side = self.tracer.tracer().normal(&hit);
                 place = place + direction * hit.distance + side * self.off_surface_m;
             }
             false

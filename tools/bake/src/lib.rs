@@ -18,18 +18,24 @@
 //! was interrupted ([`checkpoint`]). Start at [`bake`].
 
 pub mod adaptive;
+mod balance;
 pub mod builder;
-pub mod checkpoint;
+pub mod cells;
 pub mod clip;
 pub mod clusters;
 mod coarse_exchange;
-pub mod emit;
+pub mod content;
+mod emit;
 mod error;
 pub mod estimator;
 pub mod exposure;
+mod finished_world;
 pub mod hammersley;
 pub mod hidden;
 pub mod identity;
+pub mod memory;
+pub mod overlap;
+mod parameters_check;
 pub mod patches;
 pub mod places;
 pub mod point_rows;
@@ -38,20 +44,30 @@ pub mod pyramid;
 mod receiver_places;
 pub mod receivers;
 pub mod reciprocity;
+mod row_files;
 pub mod rows;
 pub mod sample;
+pub mod shard;
 pub mod spread;
 mod stages;
+pub mod stale;
 mod summary;
+pub mod surfaces;
 #[cfg(test)]
 mod test_shapes;
 mod tile_files;
+mod tracing;
 mod voxel_map;
+mod words;
+pub mod work_folder;
 
 // Whoever drives the stages one by one needs it.
 pub use earthshine_trace::SceneTracer;
 pub use error::BakeError;
+pub use memory::MemoryLimit;
 pub use progress::{Progress, Silent, Stage};
 pub use pyramid::Levels;
+pub use shard::Shard;
 pub use stages::{BakeOptions, bake};
+pub use stale::StaleReport;
 pub use summary::{BakeSummary, LevelSummary};

@@ -2,7 +2,7 @@
 
 use crate::clusters::ClusterOf;
 use crate::exposure::Exposure;
-use crate::hidden::HiddenPlaces;
+use crate::hidden::{HiddenPlaces, PieceSample};
 use crate::places::{ClusterPlaces, Owners, Place, Places};
 use crate::rows::patch_key;
 use crate::sample::{SurfaceSample, side_weights};
@@ -56,6 +56,83 @@ impl PatchSet {
             return None;
         }
         Some(self.places.owners(place))
+    }
+
+    /// Where hits find no patch.
+    #[must_use]
+    pub fn hidden(&self) -> &HiddenPlaces {
+        &self.hidden
+    }
+
+    /// All axis-aligned patches of a world, from those of its chunks in ascending order. Their samples are let go.
+    #[must_use]
+    pub fn assemble(
+        chunks: impl Iterator<Item = ([i32; 3], Vec<BakePatch>, Vec<PieceSample>)>,
+        parameters: &BakeParameters,
+    ) -> Self {
+        let mut by_voxel: VoxelMap<VoxelCoord, [u32; 6]> = VoxelMap::default();
+        let (mut patches, mut ranges) = (Vec::new(), BTreeMap::new());
+        let mut hidden = HiddenPlaces::default();
+        for (coord, own, pieces) in chunks {
+            let first = patches.len() as u32;
+            for BakePatch { patch, key, .. } in own {
+                let place = by_voxel.entry(patch.voxel).or_insert([Self::NONE; 6]);
+                place[patch.direction.index()] = patches.len() as u32;
+                patches.push(BakePatch { patch, key, samples: Vec::new() });
+            }
+            if patches.len() as u32 > first {
+                ranges.insert(coord, first..patches.len() as u32);
+            }
+            pieces.into_iter().for_each(|piece| hidden.add(piece));
+        }
+        let places = Places::Axis { by_voxel, weights: parameters.weights };
+        Self { patches, chunks: ranges, places, hidden }
+    }
+
+    /// The same without samples; places and all else that rays ask for stay.
+    #[must_use]
+    pub(crate) fn without_samples(&self) -> Self {
+        let bare = |source: &BakePatch| BakePatch { samples: Vec::new(), ..*source };
+        Self {
+            patches: self.patches.iter().map(bare).collect(),
+            chunks: self.chunks.clone(),
+            places: self.places.clone(),
+            hidden: self.hidden.clone(),
+        }
+    }
+
+    /// A number of patch `index` within its chunk that does not change when others come or go; for clusters, which
+    /// have no place of their own, its number.
+    #[must_use]
+    pub fn stable_id(&self, index: u32, grid: &Grid) -> u16 {
+        let patch = &self.patches[index as usize].patch;
+        let chunk = grid.chunk_of(patch.voxel);
+        match &self.places {
+            Places::Clusters(_) => (index - self.chunks[&chunk.to_array()].start) as u16,
+            Places::Axis { .. } => {
+                let edge = grid.chunk_edge_voxels.cast_signed();
+                let at = patch.voxel - chunk * edge;
+                (((at.x * edge + at.y) * edge + at.z) * 6) as u16 + patch.direction.index() as u16
+            }
+        }
+    }
+
+    /// The patch of `chunk` with that [`Self::stable_id`], if there is one.
+    #[must_use]
+    pub fn by_stable_id(&self, chunk: [i32; 3], id: u16, grid: &Grid) -> Option<u32> {
+        match &self.places {
+            Places::Clusters(_) => {
+                let range = self.chunks.get(&chunk)?;
+                Some(range.start + u32::from(id)).filter(|index| range.contains(index))
+            }
+            Places::Axis { .. } => {
+                let edge = grid.chunk_edge_voxels.cast_signed();
+                let (voxel, direction) = (i32::from(id) / 6, usize::from(id) % 6);
+                let at = VoxelCoord::new(voxel / (edge * edge), voxel / edge % edge, voxel % edge);
+                let index = self.of_voxel(VoxelCoord::from_array(chunk) * edge + at)[direction];
+                (index != Self::NONE).then_some(index)
+            }
+        }
     }
 
     /// Number of patches.

@@ -26,7 +26,7 @@ pub struct Place {
 pub type Owners = [(u32, f32); 3];
 
 /// From places to patches. Only looked up, never iterated.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) enum Places {
     /// Patch of each (voxel, direction).
     Axis { by_voxel: VoxelMap<VoxelCoord, [u32; 6]>, weights: AxisWeights },
@@ -35,7 +35,7 @@ pub(crate) enum Places {
 }
 
 /// Clusters by piece and by voxel.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Clone)]
 pub(crate) struct ClusterPlaces {
     pieces: VoxelMap<(u32, VoxelCoord), Vec<(Vec3, u32)>>,
     voxels: VoxelMap<VoxelCoord, Vec<(Vec3, u32)>>,

@@ -42,7 +42,7 @@ impl PointSums {
     pub fn new(caster: &RowCaster<'_>) -> Result<Self, BakeError> {
         let parameters = caster.parameters;
         let (mut points, mut first) = (Vec::new(), vec![0]);
-        for patch in &caster.set.patches {
+        for patch in caster.sources {
             let chosen = patch.representative_samples(parameters.points_per_patch, parameters.seed);
             let area = patch.patch.area / chosen.len() as f32;
             points.extend(chosen.iter().map(|&sample| {
@@ -68,7 +68,7 @@ impl PointSums {
         row.entries.clear();
         let own = self.of(index as usize);
         for other in 0..self.first.len() - 1 {
-            let sum: f32 = own.iter().map(|p| self.arriving(caster.tracer, p, other)).sum();
+            let sum: f32 = own.iter().map(|p| self.arriving(caster.tracer.tracer(), p, other)).sum();
             let share = (sum / own.len() as f32).min(1.0);
             if share > SHARE_MIN {
                 row.entries.push((other as u32, share));

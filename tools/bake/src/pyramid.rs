@@ -12,6 +12,7 @@ mod occluders;
 
 use crate::BakeError;
 use crate::progress::{Progress, Stage};
+use crate::shard::{Shard, for_all, visits};
 use crate::tile_files::TileFiles;
 use earthshine_tiles::{BakeParameters, ChunkEntry, MappedTile, limits};
 use earthshine_world::{Chunk, ChunkId};
@@ -88,11 +89,12 @@ pub(crate) fn build(
     files: &TileFiles<'_>,
     parameters: &BakeParameters,
     levels: Levels,
+    shard: Shard,
     progress: &dyn Progress,
 ) -> Result<(), BakeError> {
     let mut finer = chunks.clone();
     while levels.wants_more(&patch_counts(chunks)) {
-        finer = next_level(&finer, files, parameters, progress)?;
+        finer = next_level(&finer, files, parameters, shard, progress)?;
         chunks.extend_from_slice(&finer);
     }
     Ok(())
@@ -103,6 +105,7 @@ fn next_level(
     finer: &[ChunkEntry],
     files: &TileFiles<'_>,
     parameters: &BakeParameters,
+    shard: Shard,
     progress: &dyn Progress,
 ) -> Result<Vec<ChunkEntry>, BakeError> {
     let mut families: BTreeMap<ChunkId, Vec<&ChunkEntry>> = BTreeMap::new();
@@ -116,19 +119,27 @@ fn next_level(
         .collect::<Result<BTreeMap<_, _>, BakeError>>()?;
     let numbering = Numbering::new(&patches, parameters.grid.chunk_edge_voxels);
     drop(patches);
-    families
-        .par_iter()
-        .map(|(&id, family)| {
-            let children = family
-                .iter()
-                .map(|entry| Ok(MappedTile::open(&files.path(entry))?.decode()?))
-                .collect::<Result<Vec<Chunk>, BakeError>>()?;
-            let merged = Merge { id, children: &children, numbering: &numbering, parameters }.chunk();
-            let entry = files.put(&merged, input_hash(family, &numbering, parameters))?;
-            progress.advance(1);
-            Ok(entry)
-        })
-        .collect()
+    let families: Vec<(ChunkId, Vec<&ChunkEntry>)> = families.into_iter().collect();
+    let coords: Vec<[i32; 3]> = families.iter().map(|(id, _)| id.coord.to_array()).collect();
+    let mut entries = for_all(&visits(shard, &coords), |number| {
+        let (id, family) = &families[number];
+        let entry = match files.finished(*id) {
+            Some(entry) => entry,
+            None => {
+                let children = family
+                    .iter()
+                    .map(|entry| Ok(MappedTile::open(&files.path(entry))?.decode()?))
+                    .collect::<Result<Vec<Chunk>, BakeError>>()?;
+                let merged =
+                    Merge { id: *id, children: &children, numbering: &numbering, parameters }.chunk();
+                files.put(&merged, input_hash(family, &numbering, parameters))?
+            }
+        };
+        progress.advance(1);
+        Ok(entry)
+    })?;
+    entries.sort_by_key(ChunkEntry::id);
+    Ok(entries)
 }
 
 /// Hash of what the tile merged from `family` depends on.

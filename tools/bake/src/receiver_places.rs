@@ -1,7 +1,8 @@
 //! Where receivers are: which voxels have them, and from which place in a voxel their rays go.
 
+use crate::patches::PatchSet;
 use crate::rows::{RAY_OFFSET, RowCaster};
-use earthshine_world::{Bounds, Vec3, VoxelCoord};
+use earthshine_world::{Grid, Vec3, VoxelCoord};
 use glam::IVec3;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -42,52 +43,89 @@ const OFFSETS: [Vec3; 15] = {
     ]
 };
 
-/// What is known of a voxel's patches.
-#[derive(Clone, Copy, Default)]
-struct VoxelPatches {
-    taken: u8,
+/// A voxel of a chunk within reach of patches, before its place is looked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Voxel {
+    pub(crate) at: VoxelCoord,
+    /// Bit `a` says that direction `a` has a patch.
+    pub(crate) taken: u8,
     /// The patch with the largest area.
     largest: Option<u32>,
 }
 
-/// The voxels within reach of patches and inside of the scene's bounds, by chunk; in each ascending.
-pub(crate) fn candidates(caster: &RowCaster<'_>) -> BTreeMap<[i32; 3], Vec<Candidate>> {
-    let grid = caster.parameters.grid;
-    let reach = caster.parameters.receiver_reach_voxels.cast_signed();
-    let Bounds { min, max } = caster.tracer.scene().bounds();
-    let (low, high) = (grid.voxel_at(min), grid.voxel_at(max));
-    let surfaces = surfaces(caster);
-    let near: BTreeSet<[i32; 3]> = surfaces
-        .keys()
-        .flat_map(|&voxel| cube(IVec3::from(voxel), reach))
-        .filter(|voxel| voxel.cmpge(low).all() && voxel.cmple(high).all())
-        .map(|voxel| voxel.to_array())
-        .collect();
-    let mut by_chunk: BTreeMap<[i32; 3], Vec<Candidate>> = BTreeMap::new();
-    for voxel in near {
-        let VoxelPatches { taken, largest } = surfaces.get(&voxel).copied().unwrap_or_default();
-        if taken != 0b11_1111 {
-            let voxel = IVec3::from(voxel);
-            let place = place_in(caster, voxel, largest);
-            let chunk = grid.chunk_of(voxel).to_array();
-            by_chunk.entry(chunk).or_default().push(Candidate { voxel, place, taken });
+/// The voxels of `chunk` that are within `reach` voxels of patches and between `low` and `high`, ascending; without
+/// those that have patches all around.
+pub(crate) fn voxels_near_patches(
+    set: &PatchSet,
+    grid: &Grid,
+    chunk: [i32; 3],
+    reach: u32,
+    (low, high): (VoxelCoord, VoxelCoord),
+) -> Vec<Voxel> {
+    let edge = grid.chunk_edge_voxels.cast_signed();
+    let reach = reach.cast_signed();
+    let corner = IVec3::from(chunk) * edge;
+    let (first, last) = (IVec3::ZERO, IVec3::splat(edge - 1));
+    let own = voxels_with_patches(set, chunk);
+    let mut is_near = vec![false; (edge * edge * edge) as usize];
+    for neighbour in cube(IVec3::from(chunk), (reach + edge - 1) / edge) {
+        let Some(range) = set.chunks.get(&neighbour.to_array()) else { continue };
+        let mut voxels: Vec<[i32; 3]> = set.patches[range.start as usize..range.end as usize]
+            .iter()
+            .map(|source| source.patch.voxel.to_array())
+            .collect();
+        voxels.sort_unstable();
+        voxels.dedup();
+        for voxel in voxels {
+            let at = IVec3::from(voxel) - corner;
+            let (from, to) = ((at - reach).max(first), (at + reach).min(last));
+            for x in from.x..=to.x {
+                for y in from.y..=to.y {
+                    for z in from.z..=to.z {
+                        is_near[((x * edge + y) * edge + z) as usize] = true;
+                    }
+                }
+            }
         }
     }
-    by_chunk
+    let near = is_near.into_iter().enumerate().filter(|(_, near)| *near);
+    near.map(|(index, _)| {
+        let index = index as i32;
+        corner + IVec3::new(index / (edge * edge), index / edge % edge, index % edge)
+    })
+    .filter(|voxel| voxel.cmpge(low).all() && voxel.cmple(high).all())
+    .map(|voxel| own.get(&voxel.to_array()).copied().unwrap_or(Voxel { at: voxel, taken: 0, largest: None }))
+    .filter(|voxel| voxel.taken != 0b11_1111)
+    .collect()
 }
 
-fn surfaces(caster: &RowCaster<'_>) -> BTreeMap<[i32; 3], VoxelPatches> {
-    let mut surfaces: BTreeMap<[i32; 3], VoxelPatches> = BTreeMap::new();
-    let area = |patch: u32| caster.set.patches[patch as usize].patch.area;
-    for (index, source) in caster.set.patches.iter().enumerate() {
-        let (index, patch) = (index as u32, &source.patch);
-        let known = surfaces.entry(patch.voxel.to_array()).or_default();
-        known.taken |= 1 << patch.direction.index();
-        if known.largest.is_none_or(|largest| area(largest) < patch.area) {
-            known.largest = Some(index);
+/// The voxels of `chunk` that have patches.
+fn voxels_with_patches(set: &PatchSet, chunk: [i32; 3]) -> BTreeMap<[i32; 3], Voxel> {
+    let mut voxels: BTreeMap<[i32; 3], Voxel> = BTreeMap::new();
+    let area = |patch: u32| set.patches[patch as usize].patch.area;
+    for index in set.chunks.get(&chunk).cloned().unwrap_or(0..0) {
+        let patch = &set.patches[index as usize].patch;
+        let unknown = Voxel { at: patch.voxel, taken: 0, largest: None };
+        let voxel = voxels.entry(patch.voxel.to_array()).or_insert(unknown);
+        voxel.taken |= 1 << patch.direction.index();
+        if voxel.largest.is_none_or(|largest| area(largest) < patch.area) {
+            voxel.largest = Some(index);
         }
     }
-    surfaces
+    voxels
+}
+
+/// Every chunk that may have such voxels, ascending.
+pub(crate) fn chunks_near_patches(set: &PatchSet, grid: &Grid, reach: u32) -> Vec<[i32; 3]> {
+    let chunks = reach.div_ceil(grid.chunk_edge_voxels).cast_signed();
+    let near = set.chunks.keys().flat_map(|&chunk| cube(IVec3::from(chunk), chunks));
+    let near: BTreeSet<[i32; 3]> = near.map(|chunk| chunk.to_array()).collect();
+    near.into_iter().collect()
+}
+
+/// A place for the rays of `voxel`, which must be in a chunk whose patches `caster` may begin on.
+pub(crate) fn candidate(caster: &RowCaster<'_>, voxel: &Voxel) -> Candidate {
+    Candidate { voxel: voxel.at, place: place_in(caster, voxel.at, voxel.largest), taken: voxel.taken }
 }
 
 fn cube(centre: IVec3, reach: i32) -> impl Iterator<Item = IVec3> {
@@ -100,7 +138,7 @@ fn place_in(caster: &RowCaster<'_>, voxel: VoxelCoord, largest: Option<u32>) -> 
     let grid = caster.parameters.grid;
     let (edge, centre) = (grid.voxel_edge_m, grid.voxel_centre(voxel));
     let Some(largest) = largest else { return centre };
-    let source = &caster.set.patches[largest as usize];
+    let source = caster.source(largest);
     let sample = &caster.samples[source.sample_at(0.5) as usize];
     let origin = sample.position + sample.normal * (RAY_OFFSET * edge);
     let is_open = |place: &Vec3| {
@@ -110,7 +148,7 @@ fn place_in(caster: &RowCaster<'_>, voxel: VoxelCoord, largest: Option<u32>) -> 
     };
     OFFSETS.iter().map(|offset| centre + *offset * edge).find(is_open).unwrap_or_else(|| {
         // Nothing on the list is open: a little in front of the surface, half-way to whatever stands there.
-        let free = caster.tracer.closest(origin, sample.normal, 0.0, 2.0 * CLEARANCE_VOXELS * edge);
+        let free = caster.tracer.closest(origin, sample.normal, 2.0 * CLEARANCE_VOXELS * edge);
         origin + sample.normal * free.map_or(CLEARANCE_VOXELS * edge, |hit| 0.5 * hit.distance)
     })
 }

@@ -7,16 +7,12 @@
 //! Air inside of something is left out: most of its rays end on sides without patches. Long rows are thinned
 //! (`thin`): a far patch that one ray found stands for its neighbours just as well.
 
-use crate::checkpoint::Checkpoints;
-use crate::progress::{Progress, Stage};
-use crate::receiver_places::{Candidate, candidates};
+use crate::receiver_places::{Candidate, Voxel, candidate};
 use crate::rows::{RawRow, RowCaster, patch_key};
-use crate::{BakeError, BakeSummary};
 use earthshine_trace::hemisphere::spread_pair;
 use earthshine_world::random::{Purpose, hash, unit_f32, unit_pair};
 use earthshine_world::{Direction, ReceiverPlace, Vec3};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Air from which more than this share of the rays end on sides without patches is inside of something.
@@ -34,55 +30,22 @@ pub struct BakeReceiver {
     pub row: RawRow,
 }
 
-/// All receivers of a world, by chunk; in each chunk ascending by place.
-pub type ReceiverSet = BTreeMap<[i32; 3], Vec<BakeReceiver>>;
-
-/// Traces receivers.
+/// Traces the receivers of one chunk.
 #[derive(Debug, Clone, Copy)]
 pub struct ReceiverBake<'a> {
-    /// Casts the rays, against the patches that columns are.
+    /// Casts the rays, against the patches that columns are; may begin on the chunk's.
     pub caster: RowCaster<'a>,
 }
 
 impl ReceiverBake<'_> {
-    /// Finds and traces all receivers of the world; chunks that an interrupted run had finished are read.
-    ///
-    /// # Errors
-    /// A checkpoint cannot be written, or a chunk has more receivers than a tile can number.
-    pub fn run(
-        &self,
-        checkpoints: &Checkpoints,
-        summary: &mut BakeSummary,
-        progress: &dyn Progress,
-    ) -> Result<ReceiverSet, BakeError> {
-        if self.caster.parameters.receiver_reach_voxels == 0 {
-            return Ok(ReceiverSet::new());
-        }
-        let checkpoints = checkpoints.of_receivers();
-        let candidates = candidates(&self.caster);
-        let rays = u64::from(self.caster.parameters.receiver_rays);
-        let voxels: usize = candidates.values().map(Vec::len).sum();
-        progress.begin(Stage::Receivers, voxels as u64 * rays);
+    /// Six rows a voxel, some of them empty; and how many rays that took.
+    pub(crate) fn rows(&self, voxels: &[Voxel]) -> (Vec<RawRow>, u64) {
         let cast = AtomicU64::new(0);
-        let by_chunk: Vec<Vec<BakeReceiver>> = candidates
+        let rows = voxels
             .par_iter()
-            .map(|(&coord, voxels)| {
-                let rows = match checkpoints.load(coord, voxels.len() * 6, self.caster.set.len()) {
-                    Some(rows) => rows,
-                    None => {
-                        let rows: Vec<RawRow> =
-                            voxels.par_iter().flat_map_iter(|voxel| self.trace_voxel(voxel, &cast)).collect();
-                        checkpoints.save(coord, &rows)?;
-                        rows
-                    }
-                };
-                progress.advance(rays * voxels.len() as u64);
-                Ok(placed(voxels, rows))
-            })
-            .collect::<Result<_, BakeError>>()?;
-        summary.receiver_rays = cast.into_inner();
-        let chunks = candidates.into_keys().zip(by_chunk);
-        Ok(chunks.filter(|(_, receivers)| !receivers.is_empty()).collect())
+            .flat_map_iter(|voxel| self.trace_voxel(&candidate(&self.caster, voxel), &cast))
+            .collect();
+        (rows, cast.into_inner())
     }
 
     /// Six rows; empty ones where there is a patch, and everywhere if the voxel is inside of something.
@@ -135,10 +98,10 @@ fn sphere_direction(index: u32, (shift_u, shift_v): (f32, f32)) -> Vec3 {
 }
 
 /// The rows that say anything, with their places.
-fn placed(voxels: &[Candidate], rows: Vec<RawRow>) -> Vec<BakeReceiver> {
-    let places = voxels.iter().flat_map(|candidate| {
-        Direction::ALL.map(|direction| ReceiverPlace { voxel: candidate.voxel, direction })
-    });
+pub(crate) fn placed(voxels: &[Voxel], rows: Vec<RawRow>) -> Vec<BakeReceiver> {
+    let places = voxels
+        .iter()
+        .flat_map(|voxel| Direction::ALL.map(|direction| ReceiverPlace { voxel: voxel.at, direction }));
     let says = |row: &RawRow| !row.entries.is_empty() || row.sky.iter().any(|&share| share > 0.0);
     places.zip(rows).filter(|(_, row)| says(row)).map(|(place, row)| BakeReceiver { place, row }).collect()
 }

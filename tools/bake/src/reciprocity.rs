@@ -5,16 +5,19 @@
 //! then off by the noise that was averaged away; a symmetric scaling `d_i G_ij d_j` (Sinkhorn's, which keeps
 //! reciprocity) brings them back, and whatever still exceeds one is shrunk on both sides. Nothing is scaled
 //! above one; what is missing is booked as absorbed and shows in the summary.
+//!
+//! Scaling goes a fixed number of rounds and ends on steps of a thousandth, so that what changes in one place of a
+//! world stops mattering a few exchanges away. Here are the rules for one row; [`crate::balance`] applies them to all.
 
 use crate::rows::RawRow;
-use rayon::prelude::*;
 
-/// Rounds of scaling; rows that start within a few percent settle in well under this.
-const ROUNDS: usize = 24;
-/// Rounds end when no row is farther from one than this.
-const CLOSE: f32 = 1e-4;
+/// By which power of its sum a row is scaled, round by round. A full step removes what differs from row to row, at
+/// once; half steps then what neighbours have in common, which a full step overshoots.
+pub const ROUNDS: [f32; 4] = [1.0, 0.5, 0.5, 0.5];
 /// Scales stay within this factor of one: a sliver whose few rays say nothing is not blown up.
 const SCALE_MAX: f32 = 2.0;
+/// Scales are whole numbers of these.
+const STEP: f32 = 1.0 / 1024.0;
 
 /// How far the rows were from one, before and after.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
@@ -29,47 +32,48 @@ pub struct Balance {
     pub rounds: u32,
 }
 
-/// Makes `rows` reciprocal for patches of `areas` (m2) and balances their sums.
-///
-/// Memory: one transposed copy of the entries.
-pub fn enforce(rows: &mut [RawRow], areas: &[f32]) -> Balance {
-    average(rows, areas);
-    let mut balance = Balance::default();
-    let sums: Vec<f32> = rows.par_iter().map(|row| scaled_sum(row, None, 1.0)).collect();
-    let squares: f64 = sums.iter().map(|s| f64::from(s - 1.0).powi(2)).sum();
-    balance.rms_before = (squares / rows.len().max(1) as f64).sqrt() as f32;
-    let scales = settle(rows, &mut balance);
-    rows.par_iter_mut().enumerate().for_each(|(i, row)| {
-        let own = scales[i];
-        row.entries.iter_mut().for_each(|(j, share)| *share *= own * scales[*j as usize]);
-        row.sky.iter_mut().for_each(|share| *share *= own);
-        row.absorbed *= own;
-    });
-    shrink(rows, &mut balance);
-    balance
+/// The scale of a row after a round of power `power`, which found that its scaled `sum` is not one.
+#[must_use]
+pub fn rescaled(scale: f32, sum: f32, power: f32) -> f32 {
+    let wanted = scale * sum.max(f32::MIN_POSITIVE).powf(-power);
+    wanted.clamp(1.0 / SCALE_MAX, SCALE_MAX)
 }
 
-/// Replaces both shares of each pair by their weighted mean.
-fn average(rows: &mut [RawRow], areas: &[f32]) {
-    let mut incoming: Vec<Vec<(u32, f32)>> = vec![Vec::new(); rows.len()];
-    let weights: Vec<f32> = rows.iter().map(|row| row.rays as f32).collect();
-    for (i, row) in rows.iter().enumerate() {
-        for &(j, share) in &row.entries {
-            incoming[j as usize].push((i as u32, share));
-        }
+/// The nearest step.
+#[must_use]
+pub fn settled(scale: f32) -> f32 {
+    (scale / STEP).round() * STEP
+}
+
+/// The step by which a row of that `sum` must be shrunk not to exceed one.
+#[must_use]
+pub fn shrinkage(sum: f32) -> f32 {
+    if sum <= 1.0 { 1.0 } else { (1.0 / sum / STEP).floor() * STEP }
+}
+
+/// Scales row `own` and its entries, shrinks pairs above one by the smaller of both sides, and books what is
+/// missing as absorbed. How much that was.
+pub fn close(row: &mut RawRow, own: usize, scales: &[f32], shrinkages: &[f32]) -> f32 {
+    for (patch, share) in &mut row.entries {
+        let other = *patch as usize;
+        *share *= scales[own] * scales[other] * shrinkages[own].min(shrinkages[other]);
     }
-    rows.par_iter_mut().zip(incoming).enumerate().for_each(|(i, (row, seen_from))| {
-        row.entries = merge_estimates(i, &row.entries, &seen_from, areas, &weights);
-    });
+    let outside = scales[own] * shrinkages[own];
+    row.sky.iter_mut().for_each(|share| *share *= outside);
+    row.absorbed *= outside;
+    let deficit = (1.0 - scaled_sum(row, None, 1.0)).max(0.0);
+    row.absorbed += deficit;
+    deficit
 }
 
 /// Own estimates and those of the other side, both ascending; a pair that one side missed counts as zero there.
-fn merge_estimates(
+#[must_use]
+pub fn merge_estimates(
     i: usize,
     own: &[(u32, f32)],
     other: &[(u32, f32)],
     areas: &[f32],
-    rays: &[f32],
+    rays: &[u32],
 ) -> Vec<(u32, f32)> {
     let mut merged = Vec::with_capacity(own.len().max(other.len()));
     let (mut a, mut b) = (own.iter().peekable(), other.iter().peekable());
@@ -83,57 +87,22 @@ fn merge_estimates(
         let from_here = a.next_if(|x| x.0 == j).map_or(0.0, |x| x.1);
         let from_there = b.next_if(|y| y.0 == j).map_or(0.0, |y| y.1);
         let (area, other_area) = (areas[i], areas[j as usize]);
-        let (here, there) = (rays[i], rays[j as usize]);
+        let (here, there) = (rays[i] as f32, rays[j as usize] as f32);
         // Weights R/A, exchange A_i F_ij from here and A_j F_ji from there, divided by A_i again.
         let exchange = (from_here * here + from_there * there) / (here / area + there / other_area);
         merged.push((j, exchange / area));
     }
 }
 
-fn scaled_sum(row: &RawRow, scales: Option<&[f32]>, own: f32) -> f32 {
+/// The sum of `row`, itself scaled by `own` and its entries by `scales`.
+#[must_use]
+pub fn scaled_sum(row: &RawRow, scales: Option<&[f32]>, own: f32) -> f32 {
     let patches: f64 = match scales {
         Some(d) => row.entries.iter().map(|&(j, share)| f64::from(share * d[j as usize])).sum(),
         None => row.entries.iter().map(|&(_, share)| f64::from(share)).sum(),
     };
     let outside = f64::from(row.sky.iter().sum::<f32>() + row.absorbed);
     ((patches + outside) * f64::from(own)) as f32
-}
-
-fn settle(rows: &[RawRow], balance: &mut Balance) -> Vec<f32> {
-    let mut scales = vec![1.0f32; rows.len()];
-    for round in 0..ROUNDS {
-        let sums: Vec<f32> =
-            rows.par_iter().enumerate().map(|(i, row)| scaled_sum(row, Some(&scales), scales[i])).collect();
-        balance.rounds = round as u32;
-        if sums.iter().all(|sum| (sum - 1.0).abs() < CLOSE) {
-            break;
-        }
-        for (scale, sum) in scales.iter_mut().zip(&sums) {
-            let wanted = *scale / sum.max(f32::MIN_POSITIVE).sqrt();
-            *scale = wanted.clamp(1.0 / SCALE_MAX, SCALE_MAX);
-        }
-    }
-    scales
-}
-
-/// Shrinks the pairs of rows above one, on both sides alike, and books every deficit as absorbed.
-fn shrink(rows: &mut [RawRow], balance: &mut Balance) {
-    let factors: Vec<f32> = rows.par_iter().map(|row| 1.0 / scaled_sum(row, None, 1.0).max(1.0)).collect();
-    let deficits: Vec<f32> = rows
-        .par_iter_mut()
-        .enumerate()
-        .map(|(i, row)| {
-            let own = factors[i];
-            row.entries.iter_mut().for_each(|(j, share)| *share *= own.min(factors[*j as usize]));
-            row.sky.iter_mut().for_each(|share| *share *= own);
-            row.absorbed *= own;
-            let deficit = (1.0 - scaled_sum(row, None, 1.0)).max(0.0);
-            row.absorbed += deficit;
-            deficit
-        })
-        .collect();
-    balance.deficit_max = deficits.iter().copied().fold(0.0, f32::max);
-    balance.deficit_mean = deficits.iter().sum::<f32>() / rows.len().max(1) as f32;
 }
 
 #[cfg(test)]
@@ -144,6 +113,27 @@ mod tests {
         RawRow { entries: entries.to_vec(), sky: [sky, 0.0, 0.0, 0.0, 0.0, 0.0], absorbed: 0.0, rays: 64 }
     }
 
+    fn enforce(rows: &mut [RawRow], areas: &[f32]) -> f32 {
+        let rays: Vec<u32> = rows.iter().map(|row| row.rays).collect();
+        let mut incoming = vec![Vec::new(); rows.len()];
+        for (i, row) in rows.iter().enumerate() {
+            row.entries.iter().for_each(|&(j, share)| incoming[j as usize].push((i as u32, share)));
+        }
+        for (i, row) in rows.iter_mut().enumerate() {
+            row.entries = merge_estimates(i, &row.entries, &incoming[i], areas, &rays);
+        }
+        let mut scales = vec![1.0; rows.len()];
+        for power in ROUNDS {
+            let sum = |i: usize| scaled_sum(&rows[i], Some(&scales), scales[i]);
+            scales = (0..rows.len()).map(|i| rescaled(scales[i], sum(i), power)).collect();
+        }
+        scales.iter_mut().for_each(|scale| *scale = settled(*scale));
+        let sum = |i: usize| scaled_sum(&rows[i], Some(&scales), scales[i]);
+        let shrinkages: Vec<f32> = (0..rows.len()).map(|i| shrinkage(sum(i))).collect();
+        let closed = rows.iter_mut().enumerate().map(|(i, row)| close(row, i, &scales, &shrinkages));
+        closed.fold(0.0, f32::max)
+    }
+
     #[test]
     fn noisy_rows_become_reciprocal_and_sum_to_one() {
         let areas = [1.0, 2.0, 0.5];
@@ -152,7 +142,7 @@ mod tests {
             row(&[(0, 0.29), (2, 0.11)], 0.6),
             row(&[(0, 0.41), (1, 0.39)], 0.2),
         ];
-        let balance = enforce(&mut rows, &areas);
+        let deficit_max = enforce(&mut rows, &areas);
         for (i, row) in rows.iter().enumerate() {
             assert!((scaled_sum(row, None, 1.0) - 1.0).abs() < 1e-5);
             for &(j, share) in &row.entries {
@@ -160,22 +150,24 @@ mod tests {
                 assert!((areas[i] * share - areas[j as usize] * back).abs() < 1e-6);
             }
         }
-        assert!(balance.deficit_max < 0.05, "{balance:?}");
+        assert!(deficit_max < 0.01, "{deficit_max}");
     }
 
     #[test]
     fn more_rays_weigh_more() {
-        let mut rows = vec![row(&[(1, 0.3)], 0.7), row(&[(0, 0.1)], 0.9)];
-        rows[0].rays = 192;
-        average(&mut rows, &[1.0, 1.0]);
-        assert!((rows[0].entries[0].1 - 0.25).abs() < 1e-6 && rows[1].entries[0].1 == rows[0].entries[0].1);
+        let merged = merge_estimates(0, &[(1, 0.3)], &[(1, 0.1)], &[1.0, 1.0], &[192, 64]);
+        assert!((merged[0].1 - 0.25).abs() < 1e-6);
     }
 
     #[test]
     fn a_pair_that_one_side_missed_is_shared() {
-        let mut rows = vec![row(&[(1, 0.1)], 0.9), row(&[], 1.0)];
-        average(&mut rows, &[1.0, 1.0]);
-        assert_eq!(rows[1].entries, vec![(0, 0.05)]);
-        assert_eq!(rows[0].entries, vec![(1, 0.05)]);
+        assert_eq!(merge_estimates(1, &[], &[(0, 0.1)], &[1.0, 1.0], &[64, 64]), vec![(0, 0.05)]);
+    }
+
+    #[test]
+    fn scales_are_steps_and_never_blow_up() {
+        assert_eq!(rescaled(1.0, 1e-9, 1.0), SCALE_MAX);
+        assert_eq!(settled(1.000_3), 1.0);
+        assert!(shrinkage(1.0) == 1.0 && shrinkage(1.0001) * 1.0001 <= 1.0 && shrinkage(1.3) * 1.3 > 0.99);
     }
 }

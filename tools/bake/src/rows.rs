@@ -1,6 +1,8 @@
 //! One row by cosine-weighted rays: where the light that arrives at a patch comes from.
 
-use crate::patches::PatchSet;
+use crate::builder::Surfaces;
+use crate::cells::Eye;
+use crate::patches::{BakePatch, PatchSet};
 use crate::places::{Owners, Place};
 use crate::sample::{SurfaceSample, side_of, voxel_of};
 use crate::spread::Spread;
@@ -30,16 +32,35 @@ pub const RAY_OFFSET: f32 = 1e-4;
 #[derive(Debug, Clone, Copy)]
 pub struct RowCaster<'a> {
     /// The scene.
-    pub tracer: &'a SceneTracer<'a>,
+    pub tracer: Eye<'a>,
     /// Where rays begin.
     pub samples: &'a [SurfaceSample],
-    /// Where they end.
+    /// The patches that they begin on, with samples.
+    pub sources: &'a [BakePatch],
+    /// Number of the first of them.
+    pub first: u32,
+    /// Where rays end: all patches, which need no samples.
     pub set: &'a PatchSet,
     /// Of the bake.
     pub parameters: &'a BakeParameters,
 }
 
-impl RowCaster<'_> {
+impl<'a> RowCaster<'a> {
+    /// Casts rows of the whole of a world that is in memory.
+    #[must_use]
+    pub fn of_world(
+        tracer: &'a SceneTracer<'a>,
+        Surfaces { samples, set }: &'a Surfaces,
+        parameters: &'a BakeParameters,
+    ) -> Self {
+        Self { tracer: tracer.into(), samples, sources: &set.patches, first: 0, set, parameters }
+    }
+
+    /// Patch `index`, which rays may begin on.
+    pub(crate) fn source(&self, index: u32) -> &'a BakePatch {
+        &self.sources[(index - self.first) as usize]
+    }
+
     /// The row of patch `index` as `rays` rays see it.
     #[must_use]
     pub fn row(&self, index: u32, rays: u32) -> RawRow {
@@ -56,7 +77,7 @@ impl RowCaster<'_> {
     /// The row of patch `index` as the rays numbered `run` see it: they go over all of the patch, in the order of its
     /// samples, so that each sample gets a run of its own.
     pub(crate) fn run(&self, index: u32, spread: &Spread, run: Range<u32>) -> RawRow {
-        let source = &self.set.patches[index as usize];
+        let source = self.source(index);
         let off_surface_m = RAY_OFFSET * self.parameters.grid.voxel_edge_m;
         let rays = run.len() as u32;
         let share = 1.0 / rays as f32;
@@ -74,7 +95,7 @@ impl RowCaster<'_> {
 
     /// Where the ray from `origin` along unit `direction` ends. The one rule for patches' rows and receivers'.
     pub(crate) fn end(&self, origin: Vec3, direction: Vec3) -> RayEnd {
-        match self.tracer.closest(origin, direction, 0.0, f32::INFINITY) {
+        match self.tracer.closest(origin, direction, f32::INFINITY) {
             None => RayEnd::Sky,
             Some(hit) => RayEnd::Surface(self.owners(&hit, origin + direction * hit.distance)),
         }
@@ -82,8 +103,9 @@ impl RowCaster<'_> {
 
     /// Whose `hit` at `position` is.
     fn owners(&self, hit: &Hit, position: Vec3) -> Option<Owners> {
-        let normal = self.tracer.normal(hit);
+        let normal = self.tracer.tracer().normal(hit);
         let voxel = voxel_of(position, normal, self.parameters.grid.voxel_edge_m);
+        self.tracer.note_voxel(voxel);
         self.set.owners(&Place { side: side_of(hit.triangle, hit.front), voxel, position, normal })
     }
 }

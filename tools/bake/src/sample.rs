@@ -3,13 +3,14 @@
 //! A point stands for an area `s_p`; the areas of a triangle's points add up to it. Every piece that a
 //! voxel cuts from a triangle gets at least one point, so that no surface a ray can hit lacks a patch.
 
-use crate::clip::{Polygon, clip_to_grid};
+use crate::clip::{Polygon, clip_to_cells};
 use crate::exposure::Exposure;
 use crate::places::Place;
 use earthshine_scene::Scene;
 use earthshine_tiles::BakeParameters;
 use earthshine_world::random::{Purpose, hash, unit_pair};
 use earthshine_world::{AxisWeights, Direction, Rgb, Vec3, VoxelCoord};
+use xxhash_rust::xxh3::xxh3_64;
 
 /// Share of a voxel's edge by which points are moved off their surface when their voxel is looked up, so
 /// that a wall in a face of the grid belongs to the voxel it faces.
@@ -45,6 +46,12 @@ pub struct SurfaceSample {
 }
 
 impl SurfaceSample {
+    /// What its random numbers hang on.
+    #[must_use]
+    pub fn key(&self) -> u64 {
+        xxh3_64(bytemuck::bytes_of(&[self.position, self.normal]))
+    }
+
     /// Where it lies.
     #[must_use]
     pub fn place(&self) -> Place {
@@ -78,11 +85,20 @@ pub fn side_weights(weights: AxisWeights, normal: Vec3) -> [(Direction, f32); 3]
     shares.map(|(direction, weight)| (direction, weight * total / kept.max(f32::MIN_POSITIVE)))
 }
 
-/// Covers both sides of triangle `triangle` with points and hands them to `each`.
+/// The voxels from the first to the last, both included.
+pub type VoxelBox = (VoxelCoord, VoxelCoord);
+
+/// All voxels there are.
+pub const EVERYWHERE: VoxelBox = (VoxelCoord::MIN, VoxelCoord::MAX);
+
+/// Covers what lies in `within` of both sides of triangle `triangle` with points and hands them to `each`.
+///
+/// Its random numbers hang on its corners, not on its number: triangles elsewhere do not matter.
 pub fn sample_triangle(
     scene: &Scene,
     triangle: usize,
     parameters: &BakeParameters,
+    within: VoxelBox,
     mut each: impl FnMut(SurfaceSample),
 ) {
     let material = &scene.materials[scene.material_of[triangle] as usize];
@@ -90,6 +106,7 @@ pub fn sample_triangle(
     let edge = parameters.grid.voxel_edge_m;
     let off_edge = OFF_EDGE * edge;
     let point_area = edge * edge / parameters.samples_per_voxel_face.max(1) as f32;
+    let corners = xxh3_64(bytemuck::bytes_of(&scene.triangles[triangle]));
     for front in [true, false] {
         if !front && !parameters.two_sided && !material.double_sided {
             continue;
@@ -97,11 +114,9 @@ pub fn sample_triangle(
         let side_normal = if front { normal } else { -normal };
         let shift = side_normal * (OFF_SURFACE * edge);
         let shifted = scene.triangles[triangle].map(|corner| corner + shift);
-        let mut piece = 0u64;
-        clip_to_grid(shifted, edge, |voxel, polygon| {
-            piece += 1;
-            let key =
-                hash(parameters.seed, Purpose::SamplePoint, triangle as u64 * 2 + u64::from(front), piece);
+        clip_to_cells(shifted, edge, within, |voxel, polygon| {
+            let piece = crate::rows::patch_key(voxel, usize::from(front));
+            let key = hash(parameters.seed, Purpose::SamplePoint, corners, piece);
             cover(polygon, point_area, key, |shifted_position, area| {
                 let position = inset(scene.triangles[triangle], shifted_position - shift, off_edge);
                 let (u, v) = barycentric(scene.triangles[triangle], position);

@@ -1,28 +1,38 @@
-//! The stages of a bake, run in order.
+//! The stages of a bake, run in order, each chunk by chunk.
+//!
+//! Between two stages every chunk has finished the first: rows need to know all patches. What a chunk's part of a
+//! stage depends on and comes to is in the work folder ([`crate::work_folder`]); a stage begins with what is there.
 
-use crate::builder::Builder;
-use crate::checkpoint::Checkpoints;
-use crate::emit::{Emitter, occluders_by_chunk};
-use crate::estimator::Estimator;
-use crate::exposure::Exposure;
+use crate::balance::{RowStore, Scaling};
+use crate::builder::{Builder, Surfaces};
+use crate::cells::Cells;
+use crate::content::SceneContent;
+use crate::emit::{Emitter, Parts, occluders};
+use crate::finished_world::{Before, before, remove_unlisted};
+use crate::memory::{self, MemoryLimit};
+use crate::overlap::ChunkTriangles;
+use crate::parameters_check::check;
+use crate::patches::PatchSet;
 use crate::progress::{Progress, Stage};
 use crate::pyramid::{self, Levels};
-use crate::receivers::ReceiverBake;
-use crate::rows::{RawRow, RowCaster};
-use crate::sample::SurfaceSample;
-use crate::summary::LevelSummary;
-use crate::tile_files::TileFiles;
-use crate::{BakeError, BakeSummary, identity, reciprocity};
+use crate::receivers::placed;
+use crate::row_files;
+use crate::rows::RawRow;
+use crate::shard::{Shard, for_all, visits};
+use crate::surfaces::{SurfaceSource, is_streamed};
+use crate::tile_files::{TileFiles, is_there};
+use crate::tracing::{self, ReceiverVoxels};
+use crate::work_folder::{Kind, WorkFolder};
+use crate::{BakeError, BakeSummary, identity};
 use earthshine_scene::Scene;
 use earthshine_tiles::{BakeParameters, ChunkEntry, EncodeOptions, Manifest, RowCodec, format};
 use earthshine_trace::SceneTracer;
-use earthshine_world::{Grid, LightRig};
-use rayon::prelude::*;
-use std::collections::BTreeSet;
-use std::ops::Range;
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
+use earthshine_world::{ChunkId, LightRig, Rgb};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::sync::Mutex;
 use std::time::Instant;
+use xxhash_rust::xxh3::{Xxh3Default, xxh3_64};
 
 /// What to bake and how, besides the scene.
 #[derive(Debug, Clone)]
@@ -31,7 +41,7 @@ pub struct BakeOptions {
     pub parameters: BakeParameters,
     /// How rows are stored.
     pub codec: RowCodec,
-    /// For the manifest: where the scene came from.
+    /// For the manifest: where the scene came from. A world of the same name and parameters is brought up to date.
     pub scene_name: String,
     /// The lights that go into the manifest.
     pub lights: LightRig,
@@ -39,15 +49,21 @@ pub struct BakeOptions {
     pub overwrite: bool,
     /// Coarse levels on top of level 0.
     pub levels: Levels,
+    /// Which of several processes this is.
+    pub shard: Shard,
+    /// What it may take.
+    pub memory: MemoryLimit,
+    /// Remove the work folder once the world is whole: an edit is then baked from scratch.
+    pub discard_work: bool,
 }
 
 /// Bakes `scene` into the folder `world`.
 ///
-/// A world that is whole and of the same hash is left alone; if only its levels are not those wanted, they alone are
-/// made. An interrupted bake goes on where it stopped.
+/// A world that is whole and of the same contents is left alone; if only its levels are not those wanted, they alone
+/// are made. An interrupted bake goes on where it stopped; after an edit only what can have changed is traced.
 ///
 /// # Errors
-/// [`BakeError`]; the world is then as it was, plus checkpoints.
+/// [`BakeError`]; the world is then as it was, plus the work folder.
 pub fn bake(
     scene: &Scene,
     world: &Path,
@@ -57,303 +73,294 @@ pub fn bake(
     let started = Instant::now();
     let parameters = &options.parameters;
     check(parameters)?;
-    let world_hash = identity::world_hash(scene, parameters);
+    let world_hash = identity::world_hash(parameters);
+    let content_hash = identity::content_hash(scene, parameters);
     let mut summary = BakeSummary { triangles: scene.triangles.len() as u64, ..BakeSummary::default() };
-    if let Some(manifest) = finished_before(world, world_hash, options)? {
-        return relevelled(manifest, world, options, summary, progress);
-    }
-    check_size(scene, parameters)?;
+    let before = before(world, world_hash, content_hash, options)?;
     std::fs::create_dir_all(world).map_err(BakeError::io(world))?;
-    let mut clock = StageClock { summary: &mut summary, since: Instant::now() };
-
-    progress.begin(Stage::Tree, scene.triangles.len() as u64);
-    let tracer = SceneTracer::new(scene);
-    clock.end(Stage::Tree);
-    let builder = Builder { tracer: &tracer, parameters };
-    let mut samples = builder.samples(progress);
-    clock.summary.samples = samples.len() as u64;
-    clock.end(Stage::Sample);
-    clock.summary.exposure_rays = builder.expose(&mut samples, progress);
-    let is_buried = |sample: &&SurfaceSample| sample.exposure == Exposure::Buried;
-    clock.summary.buried_samples = samples.iter().filter(is_buried).count() as u64;
-    let set = builder.patches(&samples);
-    clock.end(Stage::Exposure);
-    if set.is_empty() {
-        return Err(BakeError::NoPatches { voxel_edge_m: parameters.grid.voxel_edge_m });
-    }
-    let checkpoints = Checkpoints::open(world, world_hash)?;
-    let caster = RowCaster { tracer: &tracer, samples: &samples, set: &set, parameters };
-    let mut rows = traced(caster, &checkpoints, clock.summary, progress)?;
-    clock.end(Stage::Rows);
-    progress.begin(Stage::Reciprocity, rows.len() as u64);
-    let areas: Vec<f32> = set.patches.iter().map(|p| p.patch.area).collect();
-    clock.summary.balance = reciprocity::enforce(&mut rows, &areas);
-    clock.end(Stage::Reciprocity);
-    let receivers = ReceiverBake { caster }.run(&checkpoints, clock.summary, progress)?;
-    clock.end(Stage::Receivers);
-    let occluders = occluders_by_chunk(scene, parameters.grid);
-    let emitter = Emitter {
-        samples: &samples,
-        set: &set,
-        rows: &rows,
-        receivers: &receivers,
-        occluders: &occluders,
-        parameters,
+    let work = WorkFolder::open(world)?;
+    let encoding = EncodeOptions { codec: options.codec, ..EncodeOptions::new(world_hash) };
+    let files = TileFiles { world, encoding, work: &work, content_hash };
+    let manifest = match before {
+        Before::Same(manifest) => relevelled(manifest, &files, options, &mut summary, progress)?,
+        Before::Nothing | Before::Other(_) => {
+            let mut run =
+                Run { scene, options, files: &files, summary: &mut summary, progress, since: Instant::now() };
+            let chunks = run.all()?;
+            let manifest = Manifest {
+                format_version: format::VERSION,
+                world_hash,
+                content_hash,
+                scene: options.scene_name.clone(),
+                parameters: *parameters,
+                bounds: scene.bounds(),
+                lights: options.lights.clone(),
+                chunks,
+            };
+            manifest.save(world)?;
+            if let Before::Other(old) = &before {
+                summary.stale.compare_tiles(old, &manifest);
+            }
+            manifest
+        }
     };
-    let files = TileFiles { world, encoding: encoding(world_hash, options) };
-    let mut chunks = written(&emitter, &files, world_hash, progress)?;
-    clock.end(Stage::Tiles);
-    pyramid::build(&mut chunks, &files, parameters, options.levels, progress)?;
-    let manifest = manifest(scene, world_hash, options, chunks);
-    manifest.save(world)?;
-    remove_unlisted(world, &manifest)?;
-    Checkpoints::clear(world)?;
-    clock.end(Stage::Pyramid);
-    let absorbed: f64 = rows.iter().map(|row| f64::from(row.absorbed)).sum();
-    summary.absorbed_share_mean = absorbed / rows.len() as f64;
-    count(&mut summary, &manifest, started);
+    // Other processes may still be reading.
+    if options.shard.count == 1 {
+        remove_unlisted(world, &manifest)?;
+        WorkFolder::clear(world, options.discard_work)?;
+    }
+    summary.count(&manifest, started);
     Ok(summary)
-}
-
-struct StageClock<'a> {
-    summary: &'a mut BakeSummary,
-    since: Instant,
-}
-
-impl StageClock<'_> {
-    fn end(&mut self, stage: Stage) {
-        self.summary.spent(stage, self.since.elapsed().as_secs_f64());
-        self.since = Instant::now();
-    }
-}
-
-fn check(parameters: &BakeParameters) -> Result<(), BakeError> {
-    let edge = parameters.grid.voxel_edge_m;
-    if !(edge.is_finite() && edge > 1e-4) {
-        let (name, cause) = ("voxel edge", "must be a length above 0.0001 m");
-        return Err(BakeError::Parameter { name, value: edge.to_string(), cause });
-    }
-    let chunk = parameters.grid.chunk_edge_voxels;
-    if !(1..=Grid::CHUNK_EDGE_VOXELS_MAX).contains(&chunk) {
-        let (name, cause) = ("chunk edge", "must be 1 to 22 voxels");
-        return Err(BakeError::Parameter { name, value: chunk.to_string(), cause });
-    }
-    let (points, samples) = (parameters.points_per_patch, parameters.samples_per_voxel_face);
-    if points == 0 || samples == 0 {
-        let (name, cause) = ("points per patch and samples per voxel face", "must be 1 or more");
-        return Err(BakeError::Parameter { name, value: format!("{points} and {samples}"), cause });
-    }
-    let rays = parameters.rays_per_patch;
-    if !(1..=1 << 20).contains(&rays) {
-        let (name, cause) = ("rays per patch", "must be 1 to 1,048,576");
-        return Err(BakeError::Parameter { name, value: rays.to_string(), cause });
-    }
-    if let Some((name, cause)) = parameters.method.fault() {
-        return Err(BakeError::Parameter { name, value: format!("{:?}", parameters.method), cause });
-    }
-    check_receivers(parameters)
-}
-
-fn check_receivers(parameters: &BakeParameters) -> Result<(), BakeError> {
-    let bounded = [
-        ("receivers", parameters.receiver_reach_voxels, 0..=8, "must be 0 to 8 voxels"),
-        ("rays of receivers", parameters.receiver_rays, 64..=1 << 16, "must be 64 to 65,536"),
-        ("columns of receivers", parameters.receiver_columns, 4..=1 << 12, "must be 4 to 4,096"),
-    ];
-    match bounded.into_iter().find(|(_, value, range, _)| !range.contains(value)) {
-        None => Ok(()),
-        Some((name, value, _, cause)) => Err(BakeError::Parameter { name, value: value.to_string(), cause }),
-    }
-}
-
-/// Most samples of a bake: about 10 GiB.
-const SAMPLES_MAX: f64 = 1e8;
-
-/// Refuses a voxel edge that would fill the memory before anything is allocated.
-fn check_size(scene: &Scene, parameters: &BakeParameters) -> Result<(), BakeError> {
-    let edge = f64::from(parameters.grid.voxel_edge_m);
-    let samples = 2.0 * scene.surface_area() / (edge * edge) * f64::from(parameters.samples_per_voxel_face);
-    if samples <= SAMPLES_MAX {
-        return Ok(());
-    }
-    let suggested_m = (edge * (samples / SAMPLES_MAX).sqrt() * 1.1) as f32;
-    Err(BakeError::TooFine {
-        voxel_edge_m: parameters.grid.voxel_edge_m,
-        samples: samples as u64,
-        suggested_m,
-    })
-}
-
-/// The manifest of `world` if its level 0 is this bake's. A world that is another one is only replaced when asked.
-fn finished_before(
-    world: &Path,
-    world_hash: u64,
-    options: &BakeOptions,
-) -> Result<Option<Manifest>, BakeError> {
-    if !world.join(Manifest::FILE_NAME).is_file() {
-        return Ok(None);
-    }
-    let manifest = match Manifest::load(world) {
-        Ok(manifest) => manifest,
-        Err(_) if options.overwrite => return Ok(None),
-        Err(error) => return Err(error.into()),
-    };
-    if manifest.world_hash != world_hash {
-        return if options.overwrite {
-            Ok(None)
-        } else {
-            Err(BakeError::OtherWorld { path: world.to_owned(), scene: manifest.scene })
-        };
-    }
-    let is_whole =
-        manifest.chunks.iter().filter(|chunk| chunk.level == 0).all(|chunk| is_there(world, chunk));
-    Ok((is_whole && manifest.lights == options.lights).then_some(manifest))
-}
-
-fn is_there(world: &Path, chunk: &ChunkEntry) -> bool {
-    std::fs::metadata(world.join(&chunk.file)).is_ok_and(|file| file.len() == chunk.tile_bytes)
 }
 
 /// A finished world with the levels that are wanted; they are made afresh unless it has just these, whole.
 fn relevelled(
     mut manifest: Manifest,
-    world: &Path,
+    files: &TileFiles<'_>,
     options: &BakeOptions,
-    mut summary: BakeSummary,
+    summary: &mut BakeSummary,
     progress: &dyn Progress,
-) -> Result<BakeSummary, BakeError> {
+) -> Result<Manifest, BakeError> {
     let started = Instant::now();
-    let is_whole = manifest.chunks.iter().all(|chunk| is_there(world, chunk));
+    let is_whole = manifest.chunks.iter().all(|chunk| is_there(files.world, chunk));
     summary.up_to_date = is_whole && options.levels.are(&pyramid::patch_counts(&manifest.chunks));
     if !summary.up_to_date {
         manifest.chunks.retain(|chunk| chunk.level == 0);
-        let files = TileFiles { world, encoding: encoding(manifest.world_hash, options) };
-        pyramid::build(&mut manifest.chunks, &files, &options.parameters, options.levels, progress)?;
-        manifest.save(world)?;
-        remove_unlisted(world, &manifest)?;
+        let (levels, shard) = (options.levels, options.shard);
+        pyramid::build(&mut manifest.chunks, files, &options.parameters, levels, shard, progress)?;
+        manifest.save(files.world)?;
         summary.spent(Stage::Pyramid, started.elapsed().as_secs_f64());
     }
-    count(&mut summary, &manifest, started);
-    Ok(summary)
+    Ok(manifest)
 }
 
-fn encoding(world_hash: u64, options: &BakeOptions) -> EncodeOptions {
-    EncodeOptions { codec: options.codec, ..EncodeOptions::new(world_hash) }
+/// A bake under way.
+pub(crate) struct Run<'a> {
+    scene: &'a Scene,
+    pub(crate) options: &'a BakeOptions,
+    pub(crate) files: &'a TileFiles<'a>,
+    pub(crate) summary: &'a mut BakeSummary,
+    pub(crate) progress: &'a dyn Progress,
+    /// When the stage began.
+    since: Instant,
 }
 
-fn traced(
-    caster: RowCaster<'_>,
-    checkpoints: &Checkpoints,
-    summary: &mut BakeSummary,
-    progress: &dyn Progress,
-) -> Result<Vec<RawRow>, BakeError> {
-    let estimator = Estimator::new(caster)?;
-    let set = caster.set;
-    // What a row takes where its error decides is not known before.
-    let rays = u64::from(caster.parameters.rays_per_patch);
-    progress.begin(Stage::Rows, set.len() as u64 * rays);
-    let started = Instant::now();
-    let (cast, resumed) = (AtomicU64::new(0), AtomicU64::new(0));
-    let chunks: Vec<_> = set.chunks.iter().collect();
-    let by_chunk: Vec<Vec<RawRow>> = chunks
-        .par_iter()
-        .map(|(coord, range)| {
-            if let Some(rows) = checkpoints.load(**coord, range.len(), set.len()) {
-                resumed.fetch_add(1, Ordering::Relaxed);
-                progress.advance(rays * range.len() as u64);
-                return Ok(rows);
-            }
-            let rows: Vec<RawRow> = Range::clone(range)
-                .into_par_iter()
-                .map(|patch| {
-                    let row = estimator.row(patch);
-                    progress.advance(rays);
-                    row
-                })
-                .collect();
-            let spent = rows.iter().map(|row| u64::from(row.rays)).sum();
-            cast.fetch_add(spent, Ordering::Relaxed);
-            checkpoints.save(**coord, &rows)?;
-            Ok(rows)
-        })
-        .collect::<Result<_, BakeError>>()?;
-    summary.rays = cast.into_inner();
-    summary.resumed_chunks = resumed.into_inner();
-    let core_seconds = started.elapsed().as_secs_f64() * rayon::current_num_threads() as f64;
-    summary.mrays_s_core = summary.rays as f64 / core_seconds.max(1e-9) / 1e6;
-    Ok(by_chunk.into_iter().flatten().collect())
+/// What all stages after the first know.
+pub(crate) struct Known<'a> {
+    pub(crate) source: &'a SurfaceSource<'a>,
+    pub(crate) tracer: &'a SceneTracer<'a>,
+    pub(crate) set: &'a PatchSet,
+    /// By chunk: changes with its surfaces.
+    pub(crate) identities: BTreeMap<[i32; 3], u64>,
+    /// What rays can see, patches among it.
+    pub(crate) cells: Cells,
+    /// Hash of what holds for all chunks.
+    pub(crate) key: u64,
 }
 
-fn written(
-    emitter: &Emitter<'_>,
-    files: &TileFiles<'_>,
-    world_hash: u64,
-    progress: &dyn Progress,
-) -> Result<Vec<ChunkEntry>, BakeError> {
-    let coords = emitter.chunk_coords();
-    progress.begin(Stage::Tiles, coords.len() as u64);
-    coords
-        .par_iter()
-        .map(|&coord| {
-            let entry = files.put(&emitter.chunk(coord)?, world_hash)?;
-            progress.advance(1);
-            Ok(entry)
-        })
-        .collect()
-}
-
-fn manifest(scene: &Scene, world_hash: u64, options: &BakeOptions, chunks: Vec<ChunkEntry>) -> Manifest {
-    Manifest {
-        format_version: format::VERSION,
-        world_hash,
-        scene: options.scene_name.clone(),
-        parameters: options.parameters,
-        bounds: scene.bounds(),
-        lights: options.lights.clone(),
-        chunks,
+impl<'a> Run<'a> {
+    pub(crate) fn parameters(&self) -> &'a BakeParameters {
+        &self.options.parameters
     }
-}
 
-/// Removes tiles that the manifest does not name: those of the world that this one replaced. Readers that have
-/// them mapped keep them until they let go.
-fn remove_unlisted(world: &Path, manifest: &Manifest) -> Result<(), BakeError> {
-    let listed: BTreeSet<PathBuf> = manifest.chunks.iter().map(|chunk| world.join(&chunk.file)).collect();
-    // Folders of levels that this world no longer has are looked into too.
-    let folders: BTreeSet<&Path> = listed.iter().filter_map(|path| path.parent()?.parent()).collect();
-    for level in folders.into_iter().map(entries).collect::<Result<Vec<_>, _>>()?.concat() {
-        for path in entries(&level)? {
-            if path.extension().is_some_and(|extension| extension == "tile") && !listed.contains(&path) {
-                std::fs::remove_file(&path).map_err(BakeError::io(&path))?;
-            }
+    pub(crate) fn end(&mut self, stage: Stage) {
+        self.summary.spent(stage, self.since.elapsed().as_secs_f64());
+        self.since = Instant::now();
+    }
+
+    /// All stages; the entries of all tiles.
+    fn all(&mut self) -> Result<Vec<ChunkEntry>, BakeError> {
+        let (scene, parameters, files) = (self.scene, self.parameters(), self.files);
+        let edge_m = parameters.grid.voxel_edge_m;
+        memory::check_fineness(scene, parameters, is_streamed(&parameters.method))?;
+        self.progress.begin(Stage::Tree, scene.triangles.len() as u64);
+        let content = SceneContent::new(scene);
+        let cells = Cells::of(scene, &content, parameters.grid);
+        let of_scene = memory::of_scene(scene, &cells);
+        self.options.memory.check(of_scene, "the scene and its tree", edge_m)?;
+        let triangles = ChunkTriangles::new(scene, parameters.grid);
+        let estimated = memory::estimated_patches(scene, parameters, is_streamed(&parameters.method));
+        self.options.memory.check(
+            of_scene + estimated,
+            "the scene and about as many patches as it has",
+            edge_m,
+        )?;
+        let tracer = SceneTracer::new(scene);
+        self.end(Stage::Tree);
+        let builder = Builder { tracer: &tracer, parameters };
+        let whole = self.whole(&builder);
+        let mut key = self.common_key(&cells);
+        key = xxh3_64(bytemuck::bytes_of(&[key, content.lamps]));
+        let (triangles, content, work) = (&triangles, &content, files.work);
+        let source = SurfaceSource { builder, triangles, content, work, key, whole };
+        let (set, identities, cells) = self.surfaces(&source, cells)?;
+        if set.is_empty() {
+            return Err(BakeError::NoPatches { voxel_edge_m: edge_m });
         }
+        let needed = of_scene + memory::of_patches(set.len() as u64, self.summary.chunk_samples_max);
+        self.summary.memory_estimate_bytes = needed;
+        self.options.memory.check(needed, "the scene and its patches", edge_m)?;
+        let key = self.common_key(&cells);
+        let known = Known { source: &source, tracer: &tracer, set: &set, identities, cells, key };
+        let rows = tracing::rows(self, &known)?;
+        let receivers = tracing::receivers(self, &known)?;
+        let (scaling, balance) = rows.balance(&self.visits(&set), self.progress)?;
+        self.summary.balance = balance;
+        self.end(Stage::Reciprocity);
+        let mut chunks = self.tiles(&known, &rows, &scaling, &receivers)?;
+        self.end(Stage::Tiles);
+        let (levels, shard) = (self.options.levels, self.options.shard);
+        pyramid::build(&mut chunks, files, parameters, levels, shard, self.progress)?;
+        self.end(Stage::Pyramid);
+        Ok(chunks)
     }
-    Ok(())
+
+    /// All surfaces at once, for methods that need them so.
+    fn whole(&mut self, builder: &Builder<'_>) -> Option<Surfaces> {
+        if is_streamed(&self.parameters().method) {
+            return None;
+        }
+        let mut samples = builder.samples(self.progress);
+        self.summary.samples = samples.len() as u64;
+        self.summary.exposure_rays = builder.expose(&mut samples, self.progress);
+        let is_buried = |exposure| exposure == crate::exposure::Exposure::Buried;
+        self.summary.buried_samples =
+            samples.iter().filter(|sample| is_buried(sample.exposure)).count() as u64;
+        let set = builder.patches(&samples);
+        Some(Surfaces { samples, set })
+    }
+
+    /// Hash of what holds for all chunks. Where the whole world is needed at once, all of it does.
+    fn common_key(&self, cells: &Cells) -> u64 {
+        let content = if is_streamed(&self.parameters().method) { 0 } else { self.files.content_hash };
+        let parameters = self.parameters().content_hash();
+        xxh3_64(bytemuck::bytes_of(&[u64::from(identity::RECIPE), parameters, content, cells.frame()]))
+    }
+
+    pub(crate) fn visits(&self, set: &PatchSet) -> Vec<Vec<usize>> {
+        let coords: Vec<[i32; 3]> = set.chunks.keys().copied().collect();
+        visits(self.options.shard, &coords)
+    }
+
+    /// The first stage: exposures and patches. Returns all patches, and the cells with them.
+    fn surfaces(
+        &mut self,
+        source: &SurfaceSource<'_>,
+        mut cells: Cells,
+    ) -> Result<(PatchSet, BTreeMap<[i32; 3], u64>, Cells), BakeError> {
+        if let Some(Surfaces { set, .. }) = &source.whole {
+            self.end(Stage::Exposure);
+            let identities = set.chunks.keys().map(|&chunk| (chunk, self.files.content_hash)).collect();
+            return Ok((set.without_samples(), identities, cells));
+        }
+        let coords = source.triangles.coords();
+        let total: u64 = coords.iter().map(|&chunk| source.triangles.of(chunk).len() as u64).sum();
+        self.progress.begin(Stage::Exposure, total);
+        let mut records = for_all(&visits(self.options.shard, &coords), |number| {
+            let record = source.record(coords[number], &cells)?;
+            self.progress.advance(source.triangles.of(coords[number]).len() as u64);
+            Ok((coords[number], record))
+        })?;
+        records.sort_by_key(|record| record.0);
+        let mut identities = BTreeMap::new();
+        for (chunk, record) in &records {
+            let summary = &mut *self.summary;
+            summary.samples += record.samples;
+            summary.chunk_samples_max = summary.chunk_samples_max.max(record.samples);
+            summary.buried_samples += record.buried;
+            summary.exposure_rays += record.rays;
+            summary.stale.note(*chunk, Stage::Exposure, record.stale);
+            identities.insert(*chunk, record.identity);
+        }
+        let parts = records.into_iter().map(|(chunk, record)| (chunk, record.patches, record.hidden));
+        let set = PatchSet::assemble(parts, self.parameters());
+        for source in &set.patches {
+            let emits = u64::from(source.patch.emission != Rgb::ZERO);
+            cells.add_at(source.patch.voxel, xxh3_64(bytemuck::bytes_of(&[source.key, emits])));
+        }
+        for piece in set.hidden().samples() {
+            let place = (piece.position.to_array(), u32::from(piece.left_out));
+            let mut hash = Xxh3Default::new();
+            hash.update(bytemuck::bytes_of(&place.0));
+            hash.update(&place.1.to_le_bytes());
+            cells.add_at(piece.voxel, hash.digest());
+        }
+        self.end(Stage::Exposure);
+        Ok((set, identities, cells))
+    }
+
+    /// The last stage before the pyramid: every chunk becomes a tile.
+    fn tiles(
+        &mut self,
+        known: &Known<'_>,
+        rows: &RowStore<'_>,
+        scaling: &Scaling,
+        air: &ReceiverVoxels,
+    ) -> Result<Vec<ChunkEntry>, BakeError> {
+        let grid = self.parameters().grid;
+        let mut coords: BTreeSet<[i32; 3]> = known.set.chunks.keys().chain(air.keys()).copied().collect();
+        coords.extend(known.source.triangles.coords());
+        let coords: Vec<[i32; 3]> = coords.into_iter().collect();
+        self.progress.begin(Stage::Tiles, coords.len() as u64);
+        let emitter = Emitter { set: known.set, parameters: self.parameters() };
+        let closing = Mutex::new(Closing::default());
+        let entries = for_all(&visits(self.options.shard, &coords), |number| {
+            let chunk = coords[number];
+            self.progress.advance(1);
+            if let Some(entry) = self.files.finished(ChunkId::new(0, chunk.into())) {
+                return Ok(Some(entry));
+            }
+            let occluders = occluders(self.scene, known.source.triangles.of(chunk), grid, chunk);
+            let (rows, deficits) = rows.balanced(chunk, scaling)?;
+            closing.lock().expect("no holder panics").add(&rows, &deficits);
+            let receivers = match air.get(&chunk) {
+                None => Vec::new(),
+                Some(voxels) => {
+                    let (_, payload) = self
+                        .files
+                        .work
+                        .read(Kind::Receivers, 0, chunk)
+                        .ok_or(BakeError::WorkChanged { chunk })?;
+                    let (rows, _) = row_files::decode(&payload, voxels.len() * 6, known.set, &grid)
+                        .ok_or(BakeError::WorkChanged { chunk })?;
+                    placed(voxels, rows)
+                }
+            };
+            if rows.is_empty() && receivers.is_empty() && occluders.triangles.is_empty() {
+                return Ok(None);
+            }
+            let surfaces = known.source.of(chunk, known.set)?;
+            let parts = Parts { surfaces: &surfaces, rows: &rows, receivers: &receivers, occluders };
+            Ok(Some(self.files.put(&emitter.chunk(chunk, parts)?, self.files.content_hash)?))
+        })?;
+        closing.into_inner().expect("no holder panics").book(self.summary);
+        let mut entries: Vec<ChunkEntry> = entries.into_iter().flatten().collect();
+        entries.sort_by_key(ChunkEntry::id);
+        Ok(entries)
+    }
 }
 
-/// What lies in `folder`; nothing if it is none.
-fn entries(folder: &Path) -> Result<Vec<PathBuf>, BakeError> {
-    if !folder.is_dir() {
-        return Ok(Vec::new());
-    }
-    std::fs::read_dir(folder)
-        .and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect())
-        .map_err(BakeError::io(folder))
+/// How far balanced rows were from one.
+#[derive(Default)]
+struct Closing {
+    rows: u64,
+    absorbed: f64,
+    deficits: f64,
+    deficit_max: f32,
 }
 
-fn count(summary: &mut BakeSummary, manifest: &Manifest, started: Instant) {
-    summary.levels = LevelSummary::of(manifest);
-    if let Some(finest) = summary.levels.first() {
-        (summary.patches, summary.nonzeros) = (finest.patches, finest.nonzeros);
-        summary.chunks = finest.chunks;
-        summary.tile_bytes_per_nonzero = finest.bytes as f64 / finest.nonzeros.max(1) as f64;
+impl Closing {
+    fn add(&mut self, rows: &[RawRow], deficits: &[f32]) {
+        self.rows += rows.len() as u64;
+        self.absorbed += rows.iter().map(|row| f64::from(row.absorbed)).sum::<f64>();
+        self.deficits += deficits.iter().map(|&deficit| f64::from(deficit)).sum::<f64>();
+        self.deficit_max = deficits.iter().copied().fold(self.deficit_max, f32::max);
     }
-    summary.world_bytes = summary.levels.iter().map(|level| level.bytes).sum();
-    summary.receivers = manifest.chunks.iter().map(|c| u64::from(c.receiver_count)).sum();
-    summary.receiver_nonzeros = manifest.chunks.iter().map(|c| c.receiver_nonzero_count).sum();
-    let size = manifest.bounds.size().as_dvec3();
-    summary.bytes_per_km2 = summary.world_bytes as f64 / (size.x * size.z).max(1e-9) * 1e6;
-    summary.seconds = started.elapsed().as_secs_f64();
-    let core_seconds = summary.seconds.max(1e-9) * rayon::current_num_threads() as f64;
-    summary.mrays_s_core_whole = (summary.rays + summary.exposure_rays) as f64 / core_seconds / 1e6;
-    summary.patches_s = summary.patches as f64 / summary.seconds.max(1e-9);
+
+    fn book(self, summary: &mut BakeSummary) {
+        let rows = self.rows.max(1) as f64;
+        summary.absorbed_share_mean = self.absorbed / rows;
+        summary.balance.deficit_mean = (self.deficits / rows) as f32;
+        summary.balance.deficit_max = self.deficit_max;
+    }
 }

@@ -2,8 +2,10 @@
 
 use crate::progress::Stage;
 use crate::reciprocity::Balance;
+use crate::stale::StaleReport;
 use earthshine_tiles::Manifest;
 use std::collections::BTreeMap;
+use std::time::Instant;
 
 /// One level of a world.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize)]
@@ -85,15 +87,50 @@ pub struct BakeSummary {
     pub bytes_per_km2: f64,
     /// Mean share that hits sides without patches or was lost in balancing.
     pub absorbed_share_mean: f64,
+    /// Most points of one chunk.
+    pub chunk_samples_max: u64,
+    /// Memory that scene, patches and chunks at work were reckoned to take.
+    pub memory_estimate_bytes: u64,
+    /// What an edit made stale, and why.
+    pub stale: StaleReport,
     /// How the rows were balanced.
     pub balance: Balance,
     /// Wall time by stage.
     pub seconds_by_stage: BTreeMap<&'static str, f64>,
     /// Wall time in all.
     pub seconds: f64,
+    /// Over the ground it covers.
+    pub seconds_per_km2: f64,
+    /// Over the triangles of the scene.
+    pub seconds_per_mtriangle: f64,
+    /// World size over the triangles of the scene.
+    pub bytes_per_mtriangle: f64,
 }
 
 impl BakeSummary {
+    /// Counts what `manifest` says of the world, at the end of a bake that began at `started`.
+    pub(crate) fn count(&mut self, manifest: &Manifest, started: Instant) {
+        self.levels = LevelSummary::of(manifest);
+        if let Some(finest) = self.levels.first().copied() {
+            (self.patches, self.nonzeros) = (finest.patches, finest.nonzeros);
+            self.chunks = finest.chunks;
+            self.tile_bytes_per_nonzero = finest.bytes as f64 / finest.nonzeros.max(1) as f64;
+        }
+        self.world_bytes = self.levels.iter().map(|level| level.bytes).sum();
+        self.receivers = manifest.chunks.iter().map(|c| u64::from(c.receiver_count)).sum();
+        self.receiver_nonzeros = manifest.chunks.iter().map(|c| c.receiver_nonzero_count).sum();
+        let size = manifest.bounds.size().as_dvec3();
+        self.bytes_per_km2 = self.world_bytes as f64 / (size.x * size.z).max(1e-9) * 1e6;
+        self.seconds = started.elapsed().as_secs_f64();
+        let (km2, mtriangles) = ((size.x * size.z).max(1e-9) / 1e6, self.triangles.max(1) as f64 / 1e6);
+        self.seconds_per_km2 = self.seconds / km2;
+        (self.seconds_per_mtriangle, self.bytes_per_mtriangle) =
+            (self.seconds / mtriangles, self.world_bytes as f64 / mtriangles);
+        let core_seconds = self.seconds.max(1e-9) * rayon::current_num_threads() as f64;
+        self.mrays_s_core_whole = (self.rays + self.exposure_rays) as f64 / core_seconds / 1e6;
+        self.patches_s = self.patches as f64 / self.seconds.max(1e-9);
+    }
+
     /// Books `seconds` to `stage`.
     pub(crate) fn spent(&mut self, stage: Stage, seconds: f64) {
         *self.seconds_by_stage.entry(stage.name()).or_default() += seconds;

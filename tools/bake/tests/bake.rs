@@ -2,7 +2,8 @@
 
 use earthshine_bake::pyramid::check::check_energy;
 use earthshine_bake::{
-    BakeError, BakeOptions, BakeSummary, Levels, Progress, Silent, Stage, bake, checkpoint,
+    BakeError, BakeOptions, BakeSummary, Levels, MemoryLimit, Progress, Shard, Silent, Stage, bake,
+    work_folder,
 };
 use earthshine_gen::{GenOptions, WorldKind};
 use earthshine_scene::{ImportOptions, Scene};
@@ -30,6 +31,9 @@ fn options(voxel_edge_m: f32) -> BakeOptions {
         lights: LightRig::emission_only(),
         overwrite: false,
         levels: Levels::Auto,
+        shard: Shard::default(),
+        memory: MemoryLimit::default(),
+        discard_work: false,
     }
 }
 
@@ -39,6 +43,9 @@ fn files(world: &Path) -> BTreeMap<String, Vec<u8>> {
     while let Some(folder) = folders.pop() {
         for entry in std::fs::read_dir(folder).expect("a folder") {
             let path = entry.expect("an entry").path();
+            if path.ends_with(work_folder::FOLDER) {
+                continue;
+            }
             if path.is_dir() {
                 folders.push(path);
             } else {
@@ -125,7 +132,14 @@ fn the_same_bytes_at_any_thread_count_and_after_an_interruption() {
     let resumed = bake_with(2, &scene, &cut, &Silent);
     assert!(resumed.resumed_chunks > 0 && resumed.rays < summary.rays, "{resumed:?}");
     assert_eq!(files(&one), files(&cut));
-    assert!(!cut.join(checkpoint::FOLDER).is_dir());
+    let left: Vec<_> = std::fs::read_dir(cut.join(work_folder::FOLDER))
+        .expect("what an edit would use")
+        .map(|entry| entry.expect("an entry").file_name())
+        .collect();
+    assert!(left.len() == 3 && !left.contains(&"averages".into()), "{left:?}");
+    let thrifty = BakeOptions { discard_work: true, ..options(0.4) };
+    assert!(bake_as(&thrifty, 1, &scene, &cut, &Silent).up_to_date);
+    assert!(!cut.join(work_folder::FOLDER).is_dir());
 }
 
 #[test]
@@ -257,7 +271,8 @@ fn a_closed_box_has_no_sky_and_its_area() {
             }
         }
     }
-    assert!((inside / area - 1.0).abs() < 1e-4, "{inside} of {area}");
+    // A point in the very corner may be hidden: a 2,400th of the area.
+    assert!((inside / area - 1.0).abs() < 1e-3, "{inside} of {area}");
     assert_eq!(sky, 0.0);
 }
 

@@ -5,9 +5,10 @@ use crate::progress_bars::BakeBars;
 use crate::quality::QualityArguments;
 use crate::scene_source;
 use clap::Args;
-use earthshine_bake::{BakeOptions, BakeSummary, Levels};
+use earthshine_bake::{BakeOptions, BakeSummary, Levels, MemoryLimit, Shard};
 use earthshine_scene::ImportReport;
 use earthshine_tiles::RowCodec;
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 /// Arguments of `earthshine bake`.
@@ -19,7 +20,11 @@ use std::path::PathBuf;
   earthshine bake cornell points.world --voxel 0.28 --samples hammersley --estimator points
   earthshine bake town town.world --row-error 0.02
   earthshine bake town town.world --levels 3       (level 0 and two coarser ones)
-An interrupted bake goes on where it stopped: run the same command again.")]
+  earthshine bake town.glb town.world --memory 20GiB
+  earthshine bake town.glb town.world --shard 2/8  (the third of eight processes)
+  earthshine bake town.glb town.world --explain    (after an edit of town.glb: what was stale, and why)
+An interrupted bake goes on where it stopped: run the same command again. After an edit the same command traces
+only what can have changed; the world is the same, byte for byte, as if it were baked afresh.")]
 pub(crate) struct BakeArguments {
     /// A .glb or .gltf file, or the name of a generated scene (cornell, furnace, two-rooms, corridor, town).
     scene: String,
@@ -40,6 +45,20 @@ pub(crate) struct BakeArguments {
     /// Store shares as f32: lossless, about twice the size.
     #[arg(long)]
     lossless: bool,
+    /// Which of several processes this is, 0/4 to 3/4: each begins with its own share of the chunks, and goes on with
+    /// what the others have not done. All write into the same folder; run it once without --shard in the end to clear up.
+    #[arg(long, value_name = "I/N", default_value = "0/1", hide_default_value = true)]
+    shard: Shard,
+    /// Memory that the bake may take, as in 8GiB: more is refused before it is taken. Default: no limit.
+    #[arg(long)]
+    memory: Option<MemoryLimit>,
+    /// Remove the work folder (WORLD/.bake) in the end. It takes several times the room of the world, and is what makes
+    /// the bake of an edited scene quick.
+    #[arg(long)]
+    discard_work: bool,
+    /// Say of every chunk that was traced why, and which tiles changed.
+    #[arg(long)]
+    explain: bool,
     /// Print the summary as JSON.
     #[arg(long)]
     json: bool,
@@ -62,6 +81,9 @@ pub(crate) fn run(arguments: &BakeArguments) -> anyhow::Result<()> {
         lights: source.lights,
         overwrite: arguments.overwrite,
         levels: arguments.levels,
+        shard: arguments.shard,
+        memory: arguments.memory.unwrap_or_default(),
+        discard_work: arguments.discard_work,
     };
     let bars = BakeBars::new(quiet);
     let summary = earthshine_bake::bake(&source.scene, &arguments.world, &options, &bars)?;
@@ -70,6 +92,9 @@ pub(crate) fn run(arguments: &BakeArguments) -> anyhow::Result<()> {
         out!("{}", serde_json::to_string(&summary)?);
     } else {
         print_summary(&summary, &arguments.world);
+        if arguments.explain {
+            print_stale(&summary);
+        }
     }
     Ok(())
 }
@@ -86,6 +111,20 @@ fn tell(report: &ImportReport) {
     }
     for warning in &report.warnings {
         eprintln!("warning: {warning}");
+    }
+}
+
+/// What was traced again and what changed, chunk by chunk.
+fn print_stale(summary: &BakeSummary) {
+    let stale = &summary.stale;
+    let (traced, changed, kept) = (stale.traced_chunks, stale.changed_tiles, stale.kept_tiles);
+    out!("{traced} of {} chunks traced, {changed} tiles changed, {kept} stayed", summary.chunks);
+    for stage in &stale.stages {
+        out!("chunk {:?}: {}: {}", stage.chunk, stage.stage, stage.why);
+    }
+    let traced: BTreeSet<[i32; 3]> = stale.stages.iter().map(|stage| stage.chunk).collect();
+    for chunk in stale.changed_chunks.iter().filter(|chunk| !traced.contains(*chunk)) {
+        out!("chunk {chunk:?}: tile: what it exchanges light with was traced again, or its colours changed");
     }
 }
 

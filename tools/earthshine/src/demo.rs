@@ -11,7 +11,7 @@ use crate::scene_source::{self, SceneSource};
 use crate::view::{Comparison, ViewArguments};
 use anyhow::Context as _;
 use clap::Args;
-use earthshine_bake::{BakeOptions, BakeSummary, Levels};
+use earthshine_bake::{BakeOptions, BakeSummary, Levels, MemoryLimit, Shard};
 use earthshine_client::Lights;
 use earthshine_fly::{FlyFrame, FlyOptions, FlyReport, Path as FlyPath};
 use earthshine_gen::GenOptions;
@@ -111,6 +111,9 @@ fn bake(source: &SceneSource, world: &Path, voxel_edge_m: f32) -> anyhow::Result
         lights: source.lights.clone(),
         overwrite: true,
         levels: Levels::Auto,
+        shard: Shard::default(),
+        memory: MemoryLimit::default(),
+        discard_work: false,
     };
     let bars = BakeBars::new(false);
     let summary = earthshine_bake::bake(&source.scene, world, &options, &bars)?;

@@ -82,10 +82,13 @@ fn code(cause: &(dyn std::error::Error + 'static)) -> Option<u8> {
     }
     if let Some(error) = cause.downcast_ref::<BakeError>() {
         return Some(match error {
-            BakeError::Parameter { .. } | BakeError::TooFine { .. } | BakeError::TooManyPairs { .. } => USAGE,
+            BakeError::Parameter { .. }
+            | BakeError::TooFine { .. }
+            | BakeError::TooManyPairs { .. }
+            | BakeError::Memory { .. } => USAGE,
             BakeError::TooManyPatches { .. } | BakeError::NoPatches { .. } => INPUT,
             BakeError::OtherWorld { .. } => WORLD,
-            BakeError::Io { .. } => STORAGE,
+            BakeError::Io { .. } | BakeError::WorkChanged { .. } => STORAGE,
             BakeError::Tile(error) => tile_code(error),
         });
     }

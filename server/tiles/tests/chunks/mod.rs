@@ -161,6 +161,7 @@ pub(crate) fn write_world(folder: &Path, chunks: &[Chunk], options: &EncodeOptio
     let manifest = Manifest {
         format_version: format::VERSION,
         world_hash: options.world_hash,
+        content_hash: 1,
         scene: "test".to_owned(),
         parameters: BakeParameters::default(),
         bounds: Bounds { min: Vec3::splat(-100.0), max: Vec3::splat(100.0) },

@@ -1,7 +1,7 @@
 //! Closed forms for every estimator, and sums of one.
 
 use super::*;
-use crate::builder::{Builder, Surfaces};
+use crate::builder::Builder;
 use crate::progress::Silent;
 use crate::test_shapes::{quad, scene_of};
 use earthshine_scene::Scene;
@@ -51,10 +51,10 @@ fn every_estimator_and_builder_agrees_with_the_closed_forms() {
         let tracer = SceneTracer::new(&scene);
         for method in methods() {
             let parameters = parameters(method);
-            let Surfaces { samples, set } =
-                Builder { tracer: &tracer, parameters: &parameters }.surfaces(&Silent);
+            let surfaces = Builder { tracer: &tracer, parameters: &parameters }.surfaces(&Silent);
+            let set = &surfaces.set;
             assert_eq!(set.len(), 2, "{method:?}");
-            let caster = RowCaster { tracer: &tracer, samples: &samples, set: &set, parameters: &parameters };
+            let caster = RowCaster::of_world(&tracer, &surfaces, &parameters);
             let estimator = Estimator::new(caster).unwrap();
             let of = |direction| set.patches.iter().position(|p| p.patch.direction == direction).unwrap();
             let [here, there] = directions.map(of);
@@ -62,7 +62,7 @@ fn every_estimator_and_builder_agrees_with_the_closed_forms() {
                 let row = estimator.row(from as u32);
                 let found =
                     row.entries.iter().find(|entry| entry.0 == to as u32).map_or(0.0, |entry| entry.1);
-                let white = method.spread == RaySpread::White;
+                let white = matches!(method.spread, RaySpread::White | RaySpread::Stratified);
                 // Points that almost touch give too little: the price of the disc form where squares share an edge.
                 let rough = white || method.row_error > 0.0 || method.estimator == RowEstimator::Points;
                 let near = if rough { 0.012 } else { 0.004 };
@@ -81,9 +81,8 @@ fn rows_by_rays_sum_to_one() {
     let tracer = SceneTracer::new(&scene);
     for method in methods().into_iter().filter(|method| method.estimator == RowEstimator::Rays) {
         let parameters = BakeParameters { rays_per_patch: 1000, ..parameters(method) };
-        let Surfaces { samples, set } =
-            Builder { tracer: &tracer, parameters: &parameters }.surfaces(&Silent);
-        let caster = RowCaster { tracer: &tracer, samples: &samples, set: &set, parameters: &parameters };
+        let surfaces = Builder { tracer: &tracer, parameters: &parameters }.surfaces(&Silent);
+        let caster = RowCaster::of_world(&tracer, &surfaces, &parameters);
         let row = Estimator::new(caster).unwrap().row(0);
         let sum: f32 = row.entries.iter().map(|entry| entry.1).chain(row.sky).sum::<f32>() + row.absorbed;
         assert!((sum - 1.0).abs() < 1e-4, "{method:?}: {sum}");
@@ -98,8 +97,8 @@ fn sums_over_points_are_refused_where_they_would_take_hours() {
     let tracer = SceneTracer::new(&scene);
     let method = BakeMethod { estimator: RowEstimator::Points, ..BakeMethod::default() };
     let parameters = BakeParameters { samples_per_voxel_face: 16, ..parameters(method) };
-    let Surfaces { samples, set } = Builder { tracer: &tracer, parameters: &parameters }.surfaces(&Silent);
-    let caster = RowCaster { tracer: &tracer, samples: &samples, set: &set, parameters: &parameters };
+    let surfaces = Builder { tracer: &tracer, parameters: &parameters }.surfaces(&Silent);
+    let caster = RowCaster::of_world(&tracer, &surfaces, &parameters);
     let refused = Estimator::new(caster).unwrap_err();
     assert!(matches!(refused, BakeError::TooManyPairs { patches: 2601, .. }), "{refused}");
     assert!(refused.to_string().contains("--points-per-patch"));

@@ -26,7 +26,7 @@ pub(crate) struct BakeBenchArguments {
 #[derive(Args)]
 struct ShapeFlags {
     /// Town: triangles wanted, instances counted.
-    #[arg(long)]
+    #[arg(long, value_parser = crate::generate::count)]
     triangles: Option<u64>,
     /// Town: edge of the square it covers, m.
     #[arg(long)]

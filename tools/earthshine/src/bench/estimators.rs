@@ -161,8 +161,7 @@ impl<'a> Bench<'a> {
     }
 
     fn caster<'b>(&'b self, parameters: &'b BakeParameters) -> RowCaster<'b> {
-        let Surfaces { samples, set } = &self.surfaces;
-        RowCaster { tracer: &self.tracer, samples, set, parameters }
+        RowCaster::of_world(&self.tracer, &self.surfaces, parameters)
     }
 
     fn fixed(&self, spread: RaySpread, rays: u32) -> RowErrors {

@@ -2,7 +2,7 @@
 
 use crate::progress_bars::BakeBars;
 use crate::scene_source::SceneSource;
-use earthshine_bake::{BakeError, BakeOptions, BakeSummary, Levels};
+use earthshine_bake::{BakeError, BakeOptions, BakeSummary, Levels, MemoryLimit, Shard};
 use earthshine_tiles::{BakeParameters, RowCodec};
 use std::path::Path;
 
@@ -21,6 +21,9 @@ pub(super) fn bake(
         lights: source.lights.clone(),
         overwrite: false,
         levels,
+        shard: Shard::default(),
+        memory: MemoryLimit::default(),
+        discard_work: false,
     };
     let bars = BakeBars::new(quiet);
     let summary = earthshine_bake::bake(&source.scene, world, &options, &bars)?;

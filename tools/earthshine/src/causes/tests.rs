@@ -3,7 +3,7 @@
 use super::{Cause, ExplainOptions, Explained, Explainer, rank};
 use crate::volume_light;
 use crate::whole_world::WholeWorld;
-use earthshine_bake::{BakeOptions, Levels, Silent};
+use earthshine_bake::{BakeOptions, Levels, MemoryLimit, Shard, Silent};
 use earthshine_render::csv::ReferencePoint;
 use earthshine_render::{ReferenceOptions, SceneTracer, irradiance_at_points};
 use earthshine_scene::{Material, Scene};
@@ -83,6 +83,9 @@ fn explained(
         lights: rig.clone(),
         overwrite: false,
         levels: Levels::Exactly(1),
+        shard: Shard::default(),
+        memory: MemoryLimit::default(),
+        discard_work: false,
     };
     earthshine_bake::bake(scene, folder.path(), &options, &Silent).unwrap();
     let world = WholeWorld::load(folder.path()).unwrap();

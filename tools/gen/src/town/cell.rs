@@ -51,6 +51,8 @@ pub(crate) struct CellBuilder<'a> {
     pub(crate) lamps: Vec<(String, Light)>,
     /// Whether its lamps are lights, too: see [`has_lamp_lights`].
     pub(crate) lamps_light: bool,
+    /// Triangles up to which it may be adorned.
+    budget: u64,
     cell: (i32, i32),
     library: &'a PropLibrary,
     placed: Vec<(Prop, Placement)>,
@@ -79,7 +81,7 @@ impl CellBuilder<'_> {
         let mut triangles = self.mesh.triangles() + self.placed.iter().map(|p| cost(p.0)).sum::<u64>();
         self.offered.sort_by_key(|&(rank, ..)| rank);
         for (_, prop, placement) in self.offered {
-            if triangles + cost(prop) <= options.town_cell_triangles() {
+            if triangles + cost(prop) <= self.budget {
                 triangles += cost(prop);
                 self.placed.push((prop, placement));
             }
@@ -114,17 +116,23 @@ pub(crate) fn library(options: &GenOptions) -> PropLibrary {
 
 pub(crate) fn make_cell(options: &GenOptions, cell: (i32, i32), library: &PropLibrary) -> CellMesh {
     let draw = Draw::of_cell(options.seed, cell);
+    let sparse = Sparse::of(options);
+    let block = Block::of(draw, cell, sparse);
+    let budget = match (sparse, block) {
+        (Some(sparse), Block::Park) => sparse.park_triangles,
+        _ => options.town_cell_triangles(),
+    };
     let mut builder = CellBuilder {
         draw,
         mesh: Mesh::default(),
         lamps: Vec::new(),
         lamps_light: has_lamp_lights(options, cell),
+        budget,
         cell,
         library,
         placed: Vec::new(),
         offered: Vec::new(),
     };
-    let block = Block::of(draw, cell);
     street::lay(&mut builder, block, neighbours(options, cell));
     match block {
         Block::Houses => house::build_all(&mut builder),
@@ -144,7 +152,12 @@ pub(crate) enum Block {
 
 impl Block {
     /// One cell in every sixteen is a market for sure, so that every town of 160 m has one.
-    fn of(draw: Draw, (x, z): (i32, i32)) -> Self {
+    fn of(draw: Draw, (x, z): (i32, i32), sparse: Option<Sparse>) -> Self {
+        if let Some(Sparse { houses, .. }) = sparse
+            && !draw.chance(Use::BlockKind, 2, houses)
+        {
+            return Self::Park;
+        }
         if (x.rem_euclid(4), z.rem_euclid(4)) == (3, 3) {
             Self::Market
         } else if (x, z) == (0, 0) || !draw.chance(Use::BlockKind, 0, 0.15) {
@@ -152,6 +165,30 @@ impl Block {
         } else {
             draw.pick(Use::BlockKind, 1, &[Self::Market, Self::Park])
         }
+    }
+}
+
+/// A town with fewer triangles than blocks of houses take: the others are parks.
+#[derive(Debug, Clone, Copy)]
+struct Sparse {
+    /// Share of blocks that are not parks for want of triangles.
+    houses: f32,
+    park_triangles: u64,
+}
+
+/// What streets and four bare houses take, on the average.
+const BUILT_TRIANGLES: u64 = 2_740;
+
+impl Sparse {
+    /// `None` where there are triangles for houses everywhere.
+    fn of(options: &GenOptions) -> Option<Self> {
+        let share = options.town_cell_triangles();
+        (share < BUILT_TRIANGLES).then(|| {
+            // Half of what there is adorns parks, where it does; the rest is for houses.
+            let park_triangles = share / 2;
+            let houses = (share - park_triangles) as f32 / (BUILT_TRIANGLES - park_triangles) as f32;
+            Self { houses, park_triangles }
+        })
     }
 }
 

@@ -66,9 +66,9 @@ pub(in crate::bench) fn baked(
 /// Loads a world that was baked from `source`, and solves it under the source's lights.
 pub(in crate::bench) fn loaded(source: &SceneSource, folder: &Path) -> anyhow::Result<Measured> {
     let world = WholeWorld::load(folder)?;
-    let expected = identity::world_hash(&source.scene, &world.manifest.parameters);
+    let expected = identity::content_hash(&source.scene, &world.manifest.parameters);
     ensure!(
-        expected == world.manifest.world_hash,
+        expected == world.manifest.content_hash,
         "{}: baked from {}, not from {} as it is now (or by another version): bake it again",
         folder.display(),
         world.manifest.scene,

@@ -1,0 +1,282 @@
+//! Which parts of a scene rays cross, and what is in them: the ground for leaving alone what cannot have changed.
+//!
+//! The scene's box is cut into cells of a few voxels. [`Cells`] holds a hash of what is in each; [`Seen`] notes the
+//! cells that some rays cross on their way to what they hit. If none of these cells has changed, the same rays hit
+//! the same things: nothing beyond what they hit, and nothing beside their way, matters.
+
+use crate::content::SceneContent;
+use crate::overlap::touched_cubes;
+use earthshine_scene::Scene;
+use earthshine_trace::{Hit, SceneTracer};
+use earthshine_world::{Grid, Vec3, VoxelCoord};
+use glam::{IVec3, UVec3};
+use std::sync::atomic::{AtomicU64, Ordering};
+use xxhash_rust::xxh3::Xxh3Default;
+
+/// Voxels along a cell's edge, in worlds of ordinary size.
+const CELL_VOXELS: i32 = 4;
+/// Most cells; larger worlds have larger cells.
+const CELLS_MAX: u64 = 1 << 26;
+/// Triangles nearer to a cell than this share of its edge are in it: a ray's way is known to rounding only.
+const MARGIN: f32 = 0.01;
+
+/// The contents of a scene, cell by cell.
+#[derive(Debug, Clone)]
+pub struct Cells {
+    /// Voxels along a cell's edge.
+    voxels: i32,
+    edge_m: f32,
+    low: IVec3,
+    size: UVec3,
+    contents: Vec<u64>,
+}
+
+impl Cells {
+    /// What rays notice of `scene`.
+    #[must_use]
+    pub fn of(scene: &Scene, content: &SceneContent<'_>, grid: Grid) -> Self {
+        let bounds = scene.bounds();
+        let mut voxels = CELL_VOXELS;
+        let (edge_m, low, size) = loop {
+            let edge_m = grid.voxel_edge_m * voxels as f32;
+            // One more all around: rays begin a little off their surface.
+            let low = (bounds.min / edge_m).floor().as_ivec3() - 1;
+            let high = (bounds.max / edge_m).floor().as_ivec3() + 1;
+            let size = (high - low + 1).as_uvec3();
+            if size.to_array().iter().map(|&edge| u64::from(edge)).product::<u64>() <= CELLS_MAX {
+                break (edge_m, low, size);
+            }
+            voxels *= 2;
+        };
+        let mut cells =
+            Self { voxels, edge_m, low, size, contents: vec![0; size.element_product() as usize] };
+        for (triangle, &corners) in scene.triangles.iter().enumerate() {
+            let hash = content.traced(triangle);
+            touched_cubes(corners, edge_m, MARGIN * edge_m, |cell| cells.add(cell - low, hash));
+        }
+        cells
+    }
+
+    /// Where the cells are: contents of other frames cannot be compared.
+    #[must_use]
+    pub fn frame(&self) -> u64 {
+        let mut hash = Xxh3Default::new();
+        hash.update(bytemuck::bytes_of(&self.edge_m));
+        hash.update(bytemuck::cast_slice(&self.low.to_array()));
+        hash.update(bytemuck::cast_slice(&self.size.to_array()));
+        hash.digest()
+    }
+
+    /// Says that something with hash `content` is in the cell of `voxel`.
+    pub fn add_at(&mut self, voxel: VoxelCoord, content: u64) {
+        self.add(self.cell_of(voxel), content);
+    }
+
+    fn add(&mut self, cell: IVec3, content: u64) {
+        if let Some(index) = self.index(cell) {
+            // A sum: the order of things does not matter.
+            self.contents[index] = self.contents[index].wrapping_add(content | 1);
+        }
+    }
+
+    fn cell_of(&self, voxel: VoxelCoord) -> IVec3 {
+        voxel.div_euclid(IVec3::splat(self.voxels)) - self.low
+    }
+
+    fn index(&self, cell: IVec3) -> Option<usize> {
+        let inside = cell.cmpge(IVec3::ZERO).all() && cell.as_uvec3().cmplt(self.size).all();
+        let at = cell.as_uvec3();
+        inside.then(|| ((at.x * self.size.y + at.y) * self.size.z + at.z) as usize)
+    }
+
+    /// What is in cell number `index`; zero where there is none.
+    #[must_use]
+    pub fn content(&self, index: u32) -> u64 {
+        self.contents.get(index as usize).copied().unwrap_or(0)
+    }
+
+    /// The middle of cell number `index`, m.
+    #[must_use]
+    pub fn centre(&self, index: u32) -> Vec3 {
+        let at = UVec3::new(
+            index / (self.size.y * self.size.z),
+            index / self.size.z % self.size.y,
+            index % self.size.z,
+        );
+        (at.as_ivec3() + self.low).as_vec3() * self.edge_m + 0.5 * self.edge_m
+    }
+
+    /// Bytes that they take.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.contents.len() as u64 * 8
+    }
+}
+
+/// The cells that rays have crossed.
+#[derive(Debug)]
+pub struct Seen<'a> {
+    cells: &'a Cells,
+    bits: Vec<AtomicU64>,
+}
+
+impl<'a> Seen<'a> {
+    /// None yet.
+    #[must_use]
+    pub fn nothing(cells: &'a Cells) -> Self {
+        let words = cells.contents.len().div_ceil(64);
+        Self { cells, bits: (0..words).map(|_| AtomicU64::new(0)).collect() }
+    }
+
+    /// Their numbers with what is in them, ascending.
+    #[must_use]
+    pub fn list(&self) -> Vec<(u32, u64)> {
+        let mut seen = Vec::new();
+        for (word, bits) in self.bits.iter().enumerate() {
+            let mut left = bits.load(Ordering::Relaxed);
+            while left != 0 {
+                let index = word as u32 * 64 + left.trailing_zeros();
+                seen.push((index, self.cells.content(index)));
+                left &= left - 1;
+            }
+        }
+        seen
+    }
+
+    /// Notes the cell of `voxel`.
+    pub(crate) fn mark_voxel(&self, voxel: VoxelCoord) {
+        if let Some(index) = self.cells.index(self.cells.cell_of(voxel)) {
+            self.mark(index);
+        }
+    }
+
+    fn mark(&self, index: usize) {
+        let (word, bit) = (&self.bits[index / 64], 1u64 << (index % 64));
+        if word.load(Ordering::Relaxed) & bit == 0 {
+            word.fetch_or(bit, Ordering::Relaxed);
+        }
+    }
+
+    /// Notes the cells from `origin` along unit `direction` up to `distance` m (Amanatides and Woo, 1987).
+    fn mark_way(&self, origin: Vec3, direction: Vec3, distance: f32) {
+        let from = origin / self.cells.edge_m - self.cells.low.as_vec3();
+        let end = distance / self.cells.edge_m + MARGIN;
+        let mut cell = from.floor().as_ivec3();
+        let per_cell = direction.abs().recip();
+        let ahead = Vec3::select(direction.cmpgt(Vec3::ZERO), Vec3::ONE, Vec3::ZERO);
+        let mut next = ((cell.as_vec3() + ahead - from).abs()) * per_cell;
+        // Along an axis that the ray does not follow there is no next cell.
+        next = Vec3::select(next.is_nan_mask(), Vec3::INFINITY, next);
+        while let Some(index) = self.cells.index(cell) {
+            self.mark(index);
+            let axis =
+                if next.x <= next.y && next.x <= next.z { 0 } else { 1 + usize::from(next.z < next.y) };
+            // Not only `>`: what is not a number must end, too.
+            if next[axis] >= end || !next[axis].is_finite() {
+                break;
+            }
+            cell[axis] += if direction[axis] > 0.0 { 1 } else { -1 };
+            next[axis] += per_cell[axis];
+        }
+    }
+}
+
+/// A tracer that may note what its rays cross.
+#[derive(Debug, Clone, Copy)]
+pub struct Eye<'a> {
+    tracer: &'a SceneTracer<'a>,
+    seen: Option<&'a Seen<'a>>,
+}
+
+impl<'a> From<&'a SceneTracer<'a>> for Eye<'a> {
+    fn from(tracer: &'a SceneTracer<'a>) -> Self {
+        Self { tracer, seen: None }
+    }
+}
+
+impl<'a> Eye<'a> {
+    /// Notes in `seen` what rays cross.
+    #[must_use]
+    pub fn noting(tracer: &'a SceneTracer<'a>, seen: &'a Seen<'a>) -> Self {
+        Self { tracer, seen: Some(seen) }
+    }
+
+    /// What is looked at.
+    #[must_use]
+    pub fn scene(&self) -> &'a Scene {
+        self.tracer.scene()
+    }
+
+    /// The tracer behind it.
+    #[must_use]
+    pub fn tracer(&self) -> &'a SceneTracer<'a> {
+        self.tracer
+    }
+
+    /// As [`SceneTracer::closest`] from a distance of zero on.
+    #[must_use]
+    pub fn closest(&self, origin: Vec3, direction: Vec3, distance_max: f32) -> Option<Hit> {
+        let hit = self.tracer.closest(origin, direction, 0.0, distance_max);
+        if let Some(seen) = self.seen {
+            seen.mark_way(origin, direction, hit.map_or(distance_max, |hit| hit.distance));
+        }
+        hit
+    }
+
+    /// As [`SceneTracer::is_blocked`].
+    #[must_use]
+    pub fn is_blocked(&self, origin: Vec3, direction: Vec3, distance: f32) -> bool {
+        if let Some(seen) = self.seen {
+            seen.mark_way(origin, direction, distance);
+        }
+        self.tracer.is_blocked(origin, direction, distance)
+    }
+
+    /// Notes the voxel that a hit is counted for.
+    pub(crate) fn note_voxel(&self, voxel: VoxelCoord) {
+        if let Some(seen) = self.seen {
+            seen.mark_voxel(voxel);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cells() -> Cells {
+        let size = UVec3::new(12, 6, 9);
+        let contents = (0..size.element_product()).map(u64::from).collect();
+        Cells { voxels: 4, edge_m: 2.0, low: IVec3::new(-3, -2, -4), size, contents }
+    }
+
+    #[test]
+    fn a_ray_marks_every_cell_on_its_way_and_none_beside_it() {
+        let cells = cells();
+        let seen = Seen::nothing(&cells);
+        let (origin, end) = (Vec3::new(-4.3, -1.9, 7.2), Vec3::new(13.1, 5.5, -5.8));
+        let direction = (end - origin).normalize();
+        seen.mark_way(origin, direction, end.distance(origin));
+        let marked: Vec<u32> = seen.list().iter().map(|entry| entry.0).collect();
+        for step in 0..=1000 {
+            let place = origin.lerp(end, step as f32 / 1000.0);
+            let cell = (place / 2.0).floor().as_ivec3() - cells.low;
+            let index = cells.index(cell).expect("inside") as u32;
+            assert!(marked.contains(&index), "{place}");
+        }
+        assert!(marked.iter().all(|&index| {
+            let away = cells.centre(index) - origin;
+            (away - direction * away.dot(direction)).length() < 2.0
+        }));
+        assert!(marked.len() > 12 && marked.len() < 24, "{}", marked.len());
+    }
+
+    #[test]
+    fn rays_along_an_axis_end_at_the_edge_of_the_world() {
+        let cells = cells();
+        let seen = Seen::nothing(&cells);
+        seen.mark_way(Vec3::new(0.5, 0.5, 0.5), Vec3::new(0.0, 0.0, 1.0), f32::INFINITY);
+        seen.mark_way(Vec3::new(0.5, 0.5, 0.5), Vec3::new(-0.0, 1.0, 0.0), 2.5);
+        assert_eq!(seen.list().len(), 5 + 1);
+    }
+}

@@ -1,0 +1,131 @@
+//! How much memory a bake takes, said before it is taken.
+//!
+//! What stays in memory is the scene with its tree, a little for every patch of the world, and the cells. What the
+//! chunks at work take comes on top, one a thread. The constants below were measured, not derived
+//! (`bench bake` prints the peak beside the estimate).
+
+use crate::BakeError;
+use crate::cells::Cells;
+use earthshine_scene::Scene;
+use earthshine_tiles::BakeParameters;
+
+/// A triangle in the tree, in lists of chunks, and while the tree is built.
+const TREE_BYTES: u64 = 200;
+/// A patch, its voxel's place in the map, and what balancing keeps of it.
+const PATCH_BYTES: u64 = 176;
+/// A sample at work: itself, its share in up to three patches, and their sorting.
+const SAMPLE_BYTES: u64 = 200;
+/// The program, and what its allocator holds back.
+const BASE_BYTES: u64 = 64 << 20;
+
+/// What a bake may take; `None` for whatever there is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct MemoryLimit(pub Option<u64>);
+
+impl std::str::FromStr for MemoryLimit {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let refused = || format!("{text:?} is no size: write a number with MiB or GiB, as in 8GiB");
+        let number = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+        let unit: u64 = match text[number.len()..].to_ascii_lowercase().as_str() {
+            "k" | "kib" => 1 << 10,
+            "m" | "mib" => 1 << 20,
+            "g" | "gib" => 1 << 30,
+            _ => return Err(refused()),
+        };
+        let bytes = number.parse::<f64>().map_err(|_| refused())? * unit as f64;
+        if bytes >= 1.0 && bytes.is_finite() { Ok(Self(Some(bytes as u64))) } else { Err(refused()) }
+    }
+}
+
+/// Bytes that a scene, its tree and its cells take.
+#[must_use]
+pub fn of_scene(scene: &Scene, cells: &Cells) -> u64 {
+    let corners = 64 + 24 * u64::from(scene.emissive_coordinates.is_some());
+    let colours = 24 * u64::from(scene.corner_colours.is_some());
+    let texels: u64 = scene.textures.iter().map(|texture| size_of_val(&texture.texels[..]) as u64).sum();
+    BASE_BYTES + scene.triangles.len() as u64 * (corners + colours + TREE_BYTES) + texels + 2 * cells.bytes()
+}
+
+/// Bytes that all of `patches` and one chunk a thread take.
+#[must_use]
+pub fn of_patches(patches: u64, chunk_samples_max: u64) -> u64 {
+    let threads = rayon::current_num_threads() as u64;
+    patches * PATCH_BYTES + threads * chunk_samples_max * SAMPLE_BYTES
+}
+
+/// Most samples of a bake that keeps them all: about 20 GiB.
+const SAMPLES_MAX_WHOLE: f64 = 1e8;
+/// Most samples of any bake: days.
+const SAMPLES_MAX: f64 = 2e10;
+
+/// Faces of voxels that both sides of all surfaces would fill.
+fn faces(scene: &Scene, parameters: &BakeParameters) -> f64 {
+    2.0 * scene.surface_area() / f64::from(parameters.grid.voxel_edge_m).powi(2)
+}
+
+/// Refuses a voxel edge that no time, or no memory, would suffice for.
+///
+/// # Errors
+/// [`BakeError::TooFine`], with an edge that would do.
+pub fn check_fineness(scene: &Scene, parameters: &BakeParameters, streamed: bool) -> Result<(), BakeError> {
+    let samples = faces(scene, parameters) * f64::from(parameters.samples_per_voxel_face);
+    let max = if streamed { SAMPLES_MAX } else { SAMPLES_MAX_WHOLE };
+    if samples <= max {
+        return Ok(());
+    }
+    let voxel_edge_m = parameters.grid.voxel_edge_m;
+    let suggested_m = (f64::from(voxel_edge_m) * (samples / max).sqrt() * 1.1) as f32;
+    Err(BakeError::TooFine { voxel_edge_m, samples: samples as u64, suggested_m })
+}
+
+/// Bytes that the patches of `scene` will take, guessed from its area before any is made; where the method is not
+/// `streamed`, all their samples as well.
+#[must_use]
+pub fn estimated_patches(scene: &Scene, parameters: &BakeParameters, streamed: bool) -> u64 {
+    // Small triangles share voxels, large ones fill them: half of the faces is a low guess.
+    let faces = faces(scene, parameters);
+    let samples = faces * f64::from(parameters.samples_per_voxel_face);
+    let whole = if streamed { 0.0 } else { samples * (SAMPLE_BYTES as f64) };
+    (0.5 * faces * PATCH_BYTES as f64 + whole) as u64
+}
+
+impl MemoryLimit {
+    /// Refuses `needed` bytes for `what` above the limit.
+    ///
+    /// # Errors
+    /// [`BakeError::Memory`], with a voxel edge that might do.
+    pub fn check(self, needed: u64, what: &'static str, voxel_edge_m: f32) -> Result<(), BakeError> {
+        match self.0 {
+            Some(limit) if needed > limit => {
+                let factor = (needed as f64 / limit as f64).sqrt() as f32;
+                Err(BakeError::Memory {
+                    what,
+                    needed_mib: needed >> 20,
+                    limit_mib: limit >> 20,
+                    suggested_m: (voxel_edge_m * factor * 10.0).ceil() / 10.0,
+                })
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_are_read_and_limits_kept() {
+        assert_eq!("1.5GiB".parse(), Ok(MemoryLimit(Some(3 << 29))));
+        assert_eq!("200m".parse(), Ok(MemoryLimit(Some(200 << 20))));
+        for wrong in ["", "12", "0MiB", "-1GiB", "manyGiB", "1TB"] {
+            assert!(wrong.parse::<MemoryLimit>().unwrap_err().contains("8GiB"), "{wrong}");
+        }
+        let limit = MemoryLimit(Some(100 << 20));
+        assert!(limit.check(100 << 20, "patches", 1.0).is_ok());
+        let refused = limit.check(400 << 20, "patches", 1.0).unwrap_err().to_string();
+        assert!(refused.contains("400 MiB") && refused.contains("--voxel 2"), "{refused}");
+    }
+}

@@ -1,0 +1,285 @@
+//! The surfaces of one chunk: its samples and patches, made afresh whenever they are needed.
+//!
+//! Samples take most of a bake's memory, so only those of the chunks at work are there. What they cost are the rays
+//! that tell their exposure; these are cast once and kept in the work folder with the patches.
+//!
+//! Methods whose patches or rows need the whole world at once ([`is_streamed`]) keep all of it in memory instead.
+
+use crate::BakeError;
+use crate::builder::{Builder, Surfaces};
+use crate::cells::{Cells, Eye, Seen};
+use crate::content::SceneContent;
+use crate::exposure::Exposure;
+use crate::hidden::PieceSample;
+use crate::overlap::ChunkTriangles;
+use crate::patches::{BakePatch, PatchSet};
+use crate::rows::patch_key;
+use crate::sample::{SurfaceSample, sample_triangle};
+use crate::words::{Reader, Writer};
+use crate::work_folder::{Kind, Stale, Stamp, WorkFolder};
+use earthshine_tiles::{BakeMethod, PatchBuilder, RowEstimator, SampleSource};
+use earthshine_world::{Direction, Patch, Vec3, VoxelCoord};
+use rayon::prelude::*;
+use std::borrow::Cow;
+use std::sync::atomic::{AtomicU64, Ordering};
+use xxhash_rust::xxh3::{Xxh3Default, xxh3_64};
+
+/// Triangles or samples that are handled together.
+const BATCH: usize = 256;
+
+/// Whether a bake by `method` can go chunk by chunk.
+#[must_use]
+pub fn is_streamed(method: &BakeMethod) -> bool {
+    method.samples == SampleSource::Area
+        && method.builder == PatchBuilder::Axis
+        && method.estimator == RowEstimator::Rays
+}
+
+/// Where the surfaces of chunks come from.
+#[derive(Debug)]
+pub(crate) struct SurfaceSource<'a> {
+    pub(crate) builder: Builder<'a>,
+    pub(crate) triangles: &'a ChunkTriangles,
+    pub(crate) content: &'a SceneContent<'a>,
+    pub(crate) work: &'a WorkFolder,
+    /// Hash of what holds for all chunks.
+    pub(crate) key: u64,
+    /// All of the world, where the method needs it.
+    pub(crate) whole: Option<Surfaces>,
+}
+
+/// The samples and patches of one chunk.
+#[derive(Debug)]
+pub(crate) struct ChunkSurfaces<'a> {
+    pub(crate) samples: Cow<'a, [SurfaceSample]>,
+    pub(crate) patches: Cow<'a, [BakePatch]>,
+    /// Number of the first patch in the whole world.
+    pub(crate) first: u32,
+}
+
+/// What became of a chunk in the first stage.
+#[derive(Debug, Default)]
+pub(crate) struct SurfaceRecord {
+    /// Changes with all that rays from or to the chunk's surfaces hang on.
+    pub(crate) identity: u64,
+    pub(crate) patches: Vec<BakePatch>,
+    pub(crate) hidden: Vec<PieceSample>,
+    pub(crate) samples: u64,
+    pub(crate) buried: u64,
+    pub(crate) rays: u64,
+    /// Why rays were cast; `None` where the work folder had their result.
+    pub(crate) stale: Option<Stale>,
+}
+
+impl SurfaceSource<'_> {
+    /// Finds out, or reads, how exposed the samples of `chunk` are and which patches they make.
+    pub(crate) fn record(&self, chunk: [i32; 3], cells: &Cells) -> Result<SurfaceRecord, BakeError> {
+        let now = self.stamp(chunk);
+        let kept = self.work.read(Kind::Surfaces, 0, chunk);
+        let stale = match &kept {
+            None => Some(Stale::Absent),
+            Some((stamp, _)) => stamp.staleness(&now, cells),
+        };
+        if let (None, Some((stamp, payload))) = (stale, &kept) {
+            if stamp.look == now.look
+                && let Some(record) = self.decoded(payload, now.own, chunk)
+            {
+                return Ok(record);
+            }
+            // Other colours: the same samples, as exposed as before.
+            let mut samples = self.samples(chunk);
+            if put_exposures(payload, &mut samples) {
+                return self.finished(chunk, samples, Stamp { seen: stamp.seen.clone(), ..now }, None);
+            }
+        }
+        let mut samples = self.samples(chunk);
+        let seen = Seen::nothing(cells);
+        let rays = self.expose(&mut samples, Eye::noting(self.builder.tracer, &seen));
+        let stamp = Stamp { seen: seen.list(), ..now };
+        let mut record = self.finished(chunk, samples, stamp, stale.or(Some(Stale::Absent)))?;
+        record.rays = rays;
+        Ok(record)
+    }
+
+    fn stamp(&self, chunk: [i32; 3]) -> Stamp {
+        let (mut own, mut look) = (Xxh3Default::new(), Xxh3Default::new());
+        for &triangle in self.triangles.of(chunk) {
+            own.update(&self.content.traced(triangle as usize).to_le_bytes());
+            look.update(&self.content.look(triangle as usize).to_le_bytes());
+        }
+        Stamp { key: self.key, own: own.digest(), look: look.digest(), seen: Vec::new() }
+    }
+
+    fn finished(
+        &self,
+        chunk: [i32; 3],
+        samples: Vec<SurfaceSample>,
+        stamp: Stamp,
+        stale: Option<Stale>,
+    ) -> Result<SurfaceRecord, BakeError> {
+        let set = PatchSet::group(&samples, self.builder.parameters);
+        let hidden = set.hidden().samples();
+        let payload = encode(&samples, &set.patches, &hidden, self.triangles.of(chunk));
+        self.work.write(Kind::Surfaces, 0, chunk, &stamp, &payload)?;
+        let buried = samples.iter().filter(|sample| sample.exposure == Exposure::Buried).count() as u64;
+        let identity = identity(stamp.own, &payload, samples.len());
+        let samples = samples.len() as u64;
+        Ok(SurfaceRecord { identity, patches: set.patches, hidden, samples, buried, rays: 0, stale })
+    }
+
+    /// The surfaces of `chunk`, whose patches are `range` of `set`.
+    pub(crate) fn of(&self, chunk: [i32; 3], set: &PatchSet) -> Result<ChunkSurfaces<'_>, BakeError> {
+        let range = set.chunks.get(&chunk).cloned().unwrap_or(0..0);
+        if let Some(Surfaces { samples, set }) = &self.whole {
+            let own = range.start as usize..range.end as usize;
+            return Ok(ChunkSurfaces {
+                samples: Cow::Borrowed(samples),
+                patches: Cow::Borrowed(&set.patches[own]),
+                first: range.start,
+            });
+        }
+        let mut samples = if range.is_empty() { Vec::new() } else { self.samples(chunk) };
+        if !samples.is_empty() {
+            let kept = self.work.read(Kind::Surfaces, 0, chunk);
+            if !kept.is_some_and(|(_, payload)| put_exposures(&payload, &mut samples)) {
+                return Err(BakeError::WorkChanged { chunk });
+            }
+        }
+        let patches = PatchSet::group(&samples, self.builder.parameters).patches;
+        if patches.len() != range.len() {
+            return Err(BakeError::WorkChanged { chunk });
+        }
+        Ok(ChunkSurfaces { samples: Cow::Owned(samples), patches: Cow::Owned(patches), first: range.start })
+    }
+
+    fn samples(&self, chunk: [i32; 3]) -> Vec<SurfaceSample> {
+        let parameters = self.builder.parameters;
+        let edge = parameters.grid.chunk_edge_voxels.cast_signed();
+        let low = VoxelCoord::from_array(chunk) * edge;
+        let within = (low, low + (edge - 1));
+        let batches: Vec<Vec<SurfaceSample>> = self
+            .triangles
+            .of(chunk)
+            .par_chunks(BATCH)
+            .map(|triangles| {
+                let mut samples = Vec::new();
+                for &triangle in triangles {
+                    let scene = self.builder.tracer.scene();
+                    sample_triangle(scene, triangle as usize, parameters, within, |s| samples.push(s));
+                }
+                samples
+            })
+            .collect();
+        batches.concat()
+    }
+
+    fn expose(&self, samples: &mut [SurfaceSample], eye: Eye<'_>) -> u64 {
+        if self.builder.parameters.buried_rays == 0 {
+            return 0;
+        }
+        let cast = AtomicU64::new(0);
+        samples.par_chunks_mut(BATCH).for_each(|run| {
+            let test = self.builder.exposure_test(eye);
+            run.iter_mut().for_each(|sample| sample.exposure = test.of(sample));
+            cast.fetch_add(test.cast.get(), Ordering::Relaxed);
+        });
+        cast.into_inner()
+    }
+
+    fn decoded(&self, payload: &[u8], own: u64, chunk: [i32; 3]) -> Option<SurfaceRecord> {
+        let mut reader = Reader(payload);
+        let samples = reader.count(4)?;
+        let mut buried = 0;
+        for _ in 0..samples {
+            buried += u64::from(decode_exposure(reader.f32()?) == Exposure::Buried);
+        }
+        let patches = reader.count(56)?;
+        let patches = (0..patches).map(|_| decode_patch(&mut reader)).collect::<Option<Vec<_>>>()?;
+        let pieces = reader.count(32)?;
+        let triangles = self.triangles.of(chunk);
+        let hidden = (0..pieces).map(|_| decode_piece(&mut reader, triangles)).collect::<Option<Vec<_>>>()?;
+        let identity = identity(own, payload, samples);
+        let samples = samples as u64;
+        let record = SurfaceRecord { identity, patches, hidden, samples, buried, ..SurfaceRecord::default() };
+        reader.is_empty().then_some(record)
+    }
+}
+
+/// The exposures are at the front; with what rays notice of the triangles they decide all but colours.
+fn identity(own: u64, payload: &[u8], samples: usize) -> u64 {
+    xxh3_64(bytemuck::bytes_of(&[own, xxh3_64(&payload[..4 + 4 * samples])]))
+}
+
+fn encode(
+    samples: &[SurfaceSample],
+    patches: &[BakePatch],
+    hidden: &[PieceSample],
+    triangles: &[u32],
+) -> Vec<u8> {
+    let mut out = Writer::default();
+    out.u32(samples.len() as u32);
+    out.f32s(samples.iter().map(|sample| match sample.exposure {
+        Exposure::Open(openness) => openness,
+        Exposure::Hidden => -1.0,
+        Exposure::Buried => -2.0,
+    }));
+    out.u32(patches.len() as u32);
+    for BakePatch { patch, .. } in patches {
+        out.i32s(patch.voxel.to_array());
+        out.u32(patch.direction as u32);
+        out.f32s([patch.area]);
+        for triple in [patch.centroid, patch.reflectance, patch.emission] {
+            out.f32s(triple.to_array());
+        }
+    }
+    out.u32(hidden.len() as u32);
+    for piece in hidden {
+        // Numbers of triangles change with edits elsewhere; their places in the chunk's list do not.
+        let place = triangles.partition_point(|&triangle| triangle < piece.side / 2) as u32;
+        out.u32(place * 2 + piece.side % 2);
+        out.i32s(piece.voxel.to_array());
+        out.f32s(piece.position.to_array());
+        out.u32(u32::from(piece.left_out));
+    }
+    out.0
+}
+
+fn decode_exposure(word: f32) -> Exposure {
+    match word {
+        -1.0 => Exposure::Hidden,
+        -2.0 => Exposure::Buried,
+        openness => Exposure::Open(openness),
+    }
+}
+
+/// Gives `samples` the exposures at the front of `payload`; `false` if they are not as many.
+fn put_exposures(payload: &[u8], samples: &mut [SurfaceSample]) -> bool {
+    let mut reader = Reader(payload);
+    if reader.count(4) != Some(samples.len()) {
+        return false;
+    }
+    samples.iter_mut().all(|sample| {
+        let word = reader.f32();
+        sample.exposure = decode_exposure(word.unwrap_or_default());
+        word.is_some()
+    })
+}
+
+fn decode_patch(reader: &mut Reader<'_>) -> Option<BakePatch> {
+    let voxel = VoxelCoord::from_array(reader.i32s()?);
+    let direction = *Direction::ALL.get(reader.u32()? as usize)?;
+    let area = reader.f32()?;
+    let mut triple = || reader.f32s().map(Vec3::from_array);
+    let (centroid, reflectance, emission) = (triple()?, triple()?, triple()?);
+    let patch =
+        Patch { voxel, direction, area, centroid, reflectance, emission, point_first: 0, point_count: 0 };
+    Some(BakePatch { patch, key: patch_key(voxel, direction.index()), samples: Vec::new() })
+}
+
+fn decode_piece(reader: &mut Reader<'_>, triangles: &[u32]) -> Option<PieceSample> {
+    let place = reader.u32()?;
+    let side = triangles.get(place as usize / 2)? * 2 + place % 2;
+    let voxel = VoxelCoord::from_array(reader.i32s()?);
+    let position = Vec3::from_array(reader.f32s()?);
+    Some(PieceSample { side, voxel, position, left_out: reader.u32()? == 1 })
+}

@@ -1,0 +1,259 @@
+//! Bakes that do not go through in one piece: interrupted anywhere, shared between processes, repeated after an edit.
+//! Each ends with the bytes of a bake in one piece.
+
+use earthshine_bake::{
+    BakeError, BakeOptions, BakeSummary, Levels, MemoryLimit, Progress, Shard, Silent, Stage, bake,
+    work_folder,
+};
+use earthshine_gen::{GenOptions, WorldKind};
+use earthshine_scene::{ImportOptions, Scene};
+use earthshine_tiles::{BakeParameters, RowCodec};
+use earthshine_world::{Grid, LightRig, Vec3};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Eighty metres of corridor with a crate of half a metre at `crate_at`.
+fn corridor(crate_at: Vec3) -> Scene {
+    let shape = GenOptions { corridor_length_m: 80.0, ..GenOptions::default() };
+    let glb = earthshine_gen::generate(WorldKind::Corridor, &shape, &|_, _| {}).expect("a generated scene");
+    let mut scene = earthshine_scene::load_bytes(&glb.bytes, "generated", &ImportOptions::default())
+        .expect("an importable scene");
+    for axis in 0..3 {
+        let (u, v) = (unit(axis + 1), unit(axis + 2));
+        for (corner, turn) in [(Vec3::ZERO, true), (unit(axis), false)] {
+            let quad = [corner, corner + u, corner + u + v, corner + v].map(|at| crate_at + at * 0.5);
+            for [a, b, c] in [[quad[0], quad[1], quad[2]], [quad[0], quad[2], quad[3]]] {
+                scene.triangles.push(if turn { [a, c, b] } else { [a, b, c] });
+                scene.texture_coordinates.push([[0.0; 2]; 3]);
+                scene.material_of.push(0);
+            }
+        }
+    }
+    scene
+}
+
+fn unit(axis: usize) -> Vec3 {
+    [Vec3::X, Vec3::Y, Vec3::Z][axis % 3]
+}
+
+fn options() -> BakeOptions {
+    let grid = Grid { voxel_edge_m: 0.8, chunk_edge_voxels: 4 };
+    BakeOptions {
+        parameters: BakeParameters {
+            grid,
+            rays_per_patch: 128,
+            receiver_rays: 64,
+            receiver_reach_voxels: 1,
+            ..BakeParameters::default()
+        },
+        codec: RowCodec::Half,
+        scene_name: "corridor".to_owned(),
+        lights: LightRig::emission_only(),
+        overwrite: false,
+        levels: Levels::Auto,
+        shard: Shard::default(),
+        memory: MemoryLimit::default(),
+        discard_work: false,
+    }
+}
+
+fn baked(scene: &Scene, world: &Path, options: &BakeOptions) -> BakeSummary {
+    bake(scene, world, options, &Silent).expect("a bake")
+}
+
+/// The manifest and all tiles; not the work folder.
+fn files(world: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let mut folders = vec![world.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).expect("a folder") {
+            let path = entry.expect("an entry").path();
+            if path.is_dir() && !path.ends_with(work_folder::FOLDER) {
+                folders.push(path);
+            } else if path.is_file() {
+                let name = path.strip_prefix(world).expect("inside").display().to_string();
+                found.insert(name, std::fs::read(&path).expect("a file"));
+            }
+        }
+    }
+    found
+}
+
+fn tiles_of(files: &BTreeMap<String, Vec<u8>>) -> Vec<&String> {
+    files.keys().filter(|name| name.ends_with(".tile")).collect()
+}
+
+const HERE: Vec3 = Vec3::new(3.0, 0.3, 0.2);
+const MOVED: Vec3 = Vec3::new(3.6, 0.3, 0.2);
+
+/// Stands for a kill: panics in the middle of one stage.
+struct PullThePlug {
+    stage: Stage,
+    left: AtomicU64,
+}
+
+impl Progress for PullThePlug {
+    fn begin(&self, stage: Stage, total: u64) {
+        let left = if stage == self.stage { total / 2 } else { u64::MAX };
+        self.left.store(left, Ordering::Relaxed);
+    }
+
+    fn advance(&self, units: u64) {
+        let left = self.left.load(Ordering::Relaxed);
+        assert!(left == u64::MAX || left > units, "the plug is pulled");
+        if left != u64::MAX {
+            self.left.store(left - units, Ordering::Relaxed);
+        }
+    }
+}
+
+#[test]
+fn a_bake_goes_on_after_an_interruption_in_any_stage() {
+    let scene = corridor(HERE);
+    let folder = tempfile::tempdir().expect("a folder");
+    let whole = folder.path().join("whole");
+    let summary = baked(&scene, &whole, &options());
+    let expected = files(&whole);
+    let cut = folder.path().join("cut");
+    for stage in
+        [Stage::Exposure, Stage::Rows, Stage::Receivers, Stage::Reciprocity, Stage::Tiles, Stage::Pyramid]
+    {
+        let plug = PullThePlug { stage, left: AtomicU64::new(u64::MAX) };
+        let stopped = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+            bake(&scene, &cut, &options(), &plug).map(|_| ())
+        }));
+        assert!(stopped.is_err(), "{}", stage.name());
+        assert!(!cut.join("world.toml").is_file(), "no manifest before the world is whole");
+    }
+    let resumed = baked(&scene, &cut, &options());
+    assert_eq!((resumed.rays, resumed.exposure_rays, resumed.receiver_rays), (0, 0, 0), "all was kept");
+    assert!(summary.rays > 0 && summary.exposure_rays > 0 && summary.receiver_rays > 0);
+    assert!(expected == files(&cut), "the bytes differ");
+}
+
+#[test]
+fn half_of_every_stage_is_not_done_twice() {
+    let scene = corridor(HERE);
+    let folder = tempfile::tempdir().expect("a folder");
+    let whole = baked(&scene, &folder.path().join("whole"), &options());
+    for stage in [Stage::Exposure, Stage::Rows] {
+        let cut = folder.path().join(stage.name());
+        let plug = PullThePlug { stage, left: AtomicU64::new(u64::MAX) };
+        let stopped = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+            bake(&scene, &cut, &options(), &plug).map(|_| ())
+        }));
+        assert!(stopped.is_err());
+        let resumed = baked(&scene, &cut, &options());
+        let (left, all) = match stage {
+            Stage::Rows => (resumed.rays, whole.rays),
+            _ => (resumed.exposure_rays, whole.exposure_rays),
+        };
+        assert!(left > 0 && left * 5 < all * 4, "{}: {left} of {all} rays again", stage.name());
+    }
+}
+
+#[test]
+fn damaged_work_is_done_again() {
+    let scene = corridor(HERE);
+    let folder = tempfile::tempdir().expect("a folder");
+    let [whole, spoilt] = ["whole", "spoilt"].map(|name| folder.path().join(name));
+    baked(&scene, &whole, &options());
+    baked(&scene, &spoilt, &options());
+    std::fs::remove_file(spoilt.join("world.toml")).expect("a manifest");
+    for kind in ["surfaces", "rows", "receivers"] {
+        let mut victims: Vec<_> = std::fs::read_dir(spoilt.join(work_folder::FOLDER).join(kind))
+            .expect("a folder")
+            .map(|entry| entry.expect("an entry").path())
+            .collect();
+        victims.sort();
+        let mut bytes = std::fs::read(&victims[0]).expect("a file");
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 1;
+        std::fs::write(&victims[0], &bytes).expect("written");
+        std::fs::write(&victims[1], &bytes[..middle]).expect("written");
+    }
+    let again = baked(&scene, &spoilt, &options());
+    assert!(again.rays > 0 && again.exposure_rays > 0 && again.receiver_rays > 0, "{again:?}");
+    assert!(files(&whole) == files(&spoilt), "the bytes differ");
+}
+
+#[test]
+fn shards_alone_together_and_one_after_another_make_the_same_world() {
+    let scene = corridor(HERE);
+    let folder = tempfile::tempdir().expect("a folder");
+    let [whole, alone, together] = ["whole", "alone", "together"].map(|name| folder.path().join(name));
+    baked(&scene, &whole, &options());
+    let of = |index, count| BakeOptions { shard: Shard { index, count }, ..options() };
+    baked(&scene, &alone, &of(1, 3));
+    assert!(files(&whole) == files(&alone), "the bytes differ");
+    assert!(baked(&scene, &alone, &of(2, 3)).up_to_date);
+    let rays: Vec<u64> = std::thread::scope(|scope| {
+        let run = |index| {
+            let (scene, together, of) = (&scene, &together, &of);
+            scope.spawn(move || {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+                pool.install(|| baked(scene, together, &of(index, 2)).rays)
+            })
+        };
+        let running = [run(0), run(1)];
+        running.into_iter().map(|shard| shard.join().expect("a bake")).collect()
+    });
+    assert!(rays.iter().all(|&rays| rays > 0), "both have worked: {rays:?}");
+    assert!(files(&whole) == files(&together), "the bytes differ");
+    baked(&scene, &together, &options());
+    assert!(
+        !together.join(work_folder::FOLDER).join("averages").is_dir(),
+        "cleared by the one without --shard"
+    );
+}
+
+#[test]
+fn an_edit_traces_what_sees_it_and_comes_to_the_bytes_of_a_fresh_bake() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [edited, fresh] = ["edited", "fresh"].map(|name| folder.path().join(name));
+    let first = baked(&corridor(HERE), &edited, &options());
+    let before = files(&edited);
+    assert!(first.stale.stages.is_empty(), "and has nothing to explain");
+
+    let again = baked(&corridor(MOVED), &edited, &options());
+    let whole = baked(&corridor(MOVED), &fresh, &options());
+    let after = files(&edited);
+    assert!(after == files(&fresh), "the bytes differ");
+    assert!(again.rays > 0 && again.rays * 2 < whole.rays, "{} of {} rays", again.rays, whole.rays);
+    let stale = &again.stale;
+    assert!(stale.changed_tiles > 0 && stale.kept_tiles > 0, "{stale:?}");
+    let why = |text: &str| stale.stages.iter().any(|stage| stage.why.contains(text));
+    assert!(why("its own surfaces changed") && why("its rays cross"), "{stale:?}");
+    // The far end of the corridor is many turns away.
+    assert!(stale.changed_chunks.iter().all(|chunk| (chunk[0] as f32) < 60.0 / 3.2), "{stale:?}");
+    let kept = tiles_of(&after).into_iter().filter(|name| before.contains_key(*name)).count() as u64;
+    assert_eq!(kept, stale.kept_tiles);
+
+    let back = baked(&corridor(HERE), &edited, &options());
+    assert!(back.rays < first.rays && files(&edited) == before, "there and back again");
+}
+
+#[test]
+fn paint_is_not_traced() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [edited, fresh] = ["edited", "fresh"].map(|name| folder.path().join(name));
+    let mut scene = corridor(HERE);
+    baked(&scene, &edited, &options());
+    let painted = scene.material_of[scene.material_of.len() / 2] as usize;
+    scene.materials[painted].base_colour = [0.1, 0.2, 0.3, 1.0];
+    let again = baked(&scene, &edited, &options());
+    assert_eq!((again.rays, again.exposure_rays, again.receiver_rays), (0, 0, 0));
+    assert!(again.stale.changed_tiles > 0 && again.stale.traced_chunks == 0, "{:?}", again.stale);
+    baked(&scene, &fresh, &options());
+    assert!(files(&fresh) == files(&edited), "the bytes differ");
+}
+
+#[test]
+fn too_little_memory_is_said_before_anything_is_traced() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let options = BakeOptions { memory: MemoryLimit(Some(16 << 20)), ..options() };
+    let refused = bake(&corridor(HERE), folder.path(), &options, &Silent).expect_err("too little");
+    assert!(matches!(refused, BakeError::Memory { limit_mib: 16, .. }), "{refused}");
+    assert!(refused.to_string().contains("--voxel"), "{refused}");
+}
