@@ -16,6 +16,8 @@ pub struct FrameQuality {
     pub stale_direct: u32,
     /// Whether everything wanted is resident and nothing is stale.
     pub settled: bool,
+    /// Patches within the promised radius of the camera that have no light of level 0; 0 where nothing is promised.
+    pub missing_near: u32,
 }
 
 /// One whole state of the light; it never changes while it is held.
@@ -127,6 +129,7 @@ impl Light {
                 wanted_patches: frame.wanted_patches,
                 stale_direct: frame.stale_direct,
                 settled: frame.settled,
+                missing_near: frame.missing_near,
             };
         }
     }

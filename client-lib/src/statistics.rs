@@ -62,6 +62,16 @@ pub struct ServerStatistics {
     pub sessions: u32,
     /// Largest relative difference of the local matrix from a fresh solve, last measured.
     pub matrix_drift: f32,
+    /// Inside this radius of a camera, at up to the promised speed, every frame has light of level 0, m; 0 for no promise.
+    pub promised_radius_m: f32,
+    /// m/s.
+    pub promised_speed_m_s: f32,
+    /// Ticks of this session that broke the promise.
+    pub promise_violations: u64,
+    /// Mean share of what the session's patches see that exists but is not in the local matrix, 0..=1.
+    pub far_share: f32,
+    /// Mean of what coarse levels bring of it, 0..=1: the rest is a gap.
+    pub fed_share: f32,
 }
 
 impl ServerStatistics {
@@ -77,6 +87,11 @@ impl ServerStatistics {
             messages_ignored: wire.messages_ignored,
             sessions: wire.sessions,
             matrix_drift: wire.matrix_drift,
+            promised_radius_m: wire.promised_radius_m,
+            promised_speed_m_s: wire.promised_speed_m_s,
+            promise_violations: wire.promise_violations,
+            far_share: wire.far_share,
+            fed_share: wire.fed_share,
         }
     }
 }

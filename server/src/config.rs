@@ -86,6 +86,11 @@ pub struct Config {
     /// - Lower: light arrives later after a teleport.
     pub loader_threads: u32,
 
+    /// Tiles that the promise counts on to be read, checked and decoded in a second, MB on disk. It limits nothing.
+    /// - Higher: more is promised; on slower disks and processors the promise is broken, and that is counted.
+    /// - Lower: less is promised.
+    pub tile_rate_mb_s: f64,
+
     /// Decoded tiles that may wait for the engine; loader threads wait while it is full.
     /// - Higher: more memory (a tile is some MiB decoded), smoother bursts.
     /// - Lower: loader threads idle while the engine is busy.
@@ -180,6 +185,7 @@ impl Default for Config {
             camera_rate_max_hz: 120.0,
             tick_rate_hz: 60.0,
             loader_threads: 2,
+            tile_rate_mb_s: 20.0,
             tile_queue: 8,
             volume_dims_max: [128, 64, 128],
             volume_snap_voxels: 8,

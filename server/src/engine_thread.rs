@@ -6,6 +6,7 @@
 //! client or a disk. Start at [`EngineThread::run`].
 
 use crate::metrics::Metrics;
+use crate::observer::{TickLog, TickSample};
 use crate::publish::Answered;
 use crate::tile_loader::TileRequests;
 use earthshine_engine::{Command, Engine, EngineStats, Event, Frame, SessionId};
@@ -136,6 +137,8 @@ pub(crate) struct EngineThread {
     pub(crate) requests: Arc<TileRequests>,
     /// Where each tick is reported.
     pub(crate) report: Arc<SharedReport>,
+    /// Each tick, for those who observe.
+    pub(crate) ticks: Arc<TickLog>,
     /// Tick times.
     pub(crate) metrics: Arc<Metrics>,
 }
@@ -218,8 +221,11 @@ impl Running {
         self.hand_out();
         let tick_s = began.elapsed().as_secs_f64();
         self.shell.metrics.tick_seconds.observe(tick_s);
+        let stats = self.shell.engine.stats();
+        let missing_near = stats.sessions.iter().map(|session| session.missing_near).max().unwrap_or(0);
+        self.shell.ticks.push(TickSample { time_s, tick_s, missing_near });
         self.shell.report.write(EngineReport {
-            stats: self.shell.engine.stats(),
+            stats,
             tick_s,
             time_s,
             tiles_pending: self.shell.requests.pending(),
@@ -340,6 +346,7 @@ mod tests {
             tiles,
             requests: Arc::new(TileRequests::new(1)),
             report: Arc::default(),
+            ticks: Arc::default(),
             metrics,
         };
         let handle = thread.start().unwrap();

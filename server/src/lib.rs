@@ -35,6 +35,8 @@ mod flow;
 mod lineage;
 mod listener;
 mod metrics;
+mod observer;
+mod promise;
 mod publish;
 mod server;
 mod session;
@@ -45,5 +47,7 @@ mod tls;
 
 pub use backends::CurrentDevice;
 pub use config::{BackendKind, Config, ConfigError, ServeArgs};
+pub use earthshine_engine::{EngineStats, Promise};
 pub use error::ServerError;
+pub use observer::{Observer, TickSample};
 pub use server::{Server, run};

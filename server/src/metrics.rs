@@ -4,6 +4,7 @@
 //! at every scrape. Names end in a unit; `_total` marks counters. Start at [`Metrics::encode`].
 
 use crate::engine_thread::{EngineReport, SharedReport};
+use earthshine_engine::{EngineStats, SessionStats};
 use prometheus_client::collector::Collector;
 use prometheus_client::encoding::{DescriptorEncoder, EncodeMetric as _, text};
 use prometheus_client::metrics::MetricType;
@@ -145,6 +146,7 @@ impl Collector for EngineCollector {
             ("tiles_requested", "Tiles asked for", counted.tiles_requested),
             ("tiles_cancelled", "Requests taken back", counted.tiles_cancelled),
             ("tiles_decoded", "Tiles taken", counted.tiles_decoded),
+            ("tile_bytes", "Bytes on disk of all tiles taken", counted.tile_bytes),
             ("tile_failures", "Tiles that could not be had", counted.tile_failures),
             ("chunks_given_up", "Chunks quarantined since the start", counted.quarantined),
             ("decoded_bytes", "Memory of all tiles taken", counted.bytes_decoded),
@@ -160,13 +162,33 @@ impl Collector for EngineCollector {
             ("resolves", "Repairs and fresh solves because of drift", counted.resolves),
             ("frames", "Frames published", counted.frames),
             ("audits", "Audits of a solver by the matrix", counted.audits),
+            ("chunks_evicted", "Unwanted chunks that went because room was needed", counted.evicted),
+            ("promised_ticks", "Ticks times sessions held against the promise", counted.promised_ticks),
+            (
+                "promise_violations",
+                "Of those, with light of level 0 missing near a camera",
+                counted.violations,
+            ),
         ];
         for (name, help, value) in counters {
             let metric = encoder.encode_descriptor(name, help, None, MetricType::Counter)?;
             ConstCounter::new(value).encode(metric)?;
         }
-        let sum = |of: fn(&earthshine_engine::SessionStats) -> u32| {
+        let mut misses = encoder.encode_descriptor(
+            "level_misses",
+            "Ticks times sessions with a patch of the level missing near the camera",
+            None,
+            MetricType::Counter,
+        )?;
+        for (level, &count) in counted.misses_by_level.iter().enumerate().filter(|(_, count)| **count > 0) {
+            let labels = [("level", level.to_string())];
+            ConstCounter::new(count).encode(misses.encode_family(&labels)?)?;
+        }
+        let sum = |of: fn(&SessionStats) -> u32| {
             stats.sessions.iter().map(|session| u64::from(of(session))).sum::<u64>() as f64
+        };
+        let most = |of: fn(&SessionStats) -> f32| {
+            stats.sessions.iter().map(|session| f64::from(of(session))).fold(0.0, f64::max)
         };
         let gauges = [
             ("chunks_requested", "Chunks asked for", f64::from(stats.chunks.requested)),
@@ -196,6 +218,25 @@ impl Collector for EngineCollector {
                 "Worst relative RMSE of any view's light against the matrix, at its last audit",
                 f64::from(stats.audit_error()),
             ),
+            (
+                "promised_radius_meters",
+                "Radius of the promise; 0 for none",
+                f64::from(stats.promised_radius_m),
+            ),
+            (
+                "promised_speed_meters_per_second",
+                "Up to which speed it holds",
+                f64::from(stats.promised_speed_m_s),
+            ),
+            (
+                "missing_near_patches",
+                "Patches within the promised radius without light of level 0, all sessions",
+                sum(|session| session.missing_near),
+            ),
+            ("far_share_ratio", "Largest mean far share of any session", most(|session| session.far_share)),
+            ("gap_share_ratio", "Largest mean far share that no coarse level brings", most(gap_share)),
+            ("fed_share_ratio", "Smallest fed part of the far share of any session", least_fed(stats)),
+            ("chunks_spare", "Chunks in memory that nobody wants", f64::from(stats.spare_chunks)),
             ("tile_requests", "Tiles asked for and not answered", self.0.tiles_pending as f64),
         ];
         for (name, help, value) in gauges {
@@ -204,6 +245,16 @@ impl Collector for EngineCollector {
         }
         Ok(())
     }
+}
+
+fn gap_share(session: &SessionStats) -> f32 {
+    (session.far_share - session.fed_share).max(0.0)
+}
+
+/// 1 where nothing is far.
+fn least_fed(stats: &EngineStats) -> f64 {
+    let far = stats.sessions.iter().filter(|session| session.far_share > 0.0);
+    far.map(|session| f64::from(session.fed_share / session.far_share)).fold(1.0, f64::min)
 }
 
 #[cfg(test)]
@@ -218,12 +269,23 @@ mod tests {
         let report = SharedReport::default();
         let mut stats = EngineReport::default();
         stats.stats.counters.adds = 17;
+        stats.stats.counters.violations = 5;
+        stats.stats.counters.misses_by_level[1] = 4;
+        stats.stats.promised_radius_m = 12.5;
+        stats.stats.sessions = [(0.5, 0.25), (0.25, 0.25), (0.0, 0.0)]
+            .map(|(far_share, fed_share)| SessionStats { far_share, fed_share, ..SessionStats::default() })
+            .to_vec();
         report.write(stats);
         let text = metrics.encode(&report).unwrap();
         for line in [
             "earthshine_deltas_total 3",
             "earthshine_engine_patches_added_total 17",
             "earthshine_engine_matrix_drift_ratio 0.0",
+            "earthshine_engine_promise_violations_total 5",
+            "earthshine_engine_level_misses_total{level=\"1\"} 4",
+            "earthshine_engine_promised_radius_meters 12.5",
+            "earthshine_engine_fed_share_ratio 0.5",
+            "earthshine_engine_gap_share_ratio 0.25",
             "earthshine_tick_seconds_count 1",
             "# EOF",
         ] {

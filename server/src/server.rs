@@ -10,11 +10,13 @@ use crate::config::load::seconds;
 use crate::engine_thread::{EngineHandle, EngineThread, SharedReport};
 use crate::listener::Listener;
 use crate::metrics::Metrics;
+use crate::observer::{Observer, TickLog};
+use crate::promise;
 use crate::session::Shared;
 use crate::shutdown::Deadline;
 use crate::tile_loader::TileLoader;
 use crate::tls;
-use earthshine_engine::Engine;
+use earthshine_engine::{Engine, Promise};
 use earthshine_tiles::{DirStore, PatchBuilder, TileStore};
 use earthshine_world::WorldIndex;
 use std::io::ErrorKind;
@@ -44,6 +46,8 @@ pub struct Server {
     store: Arc<dyn TileStore>,
     engine: Engine,
     device: CurrentDevice,
+    report: Arc<SharedReport>,
+    ticks: Arc<TickLog>,
     listener: TcpListener,
     tls: Option<TlsAcceptor>,
     admin: TcpListener,
@@ -85,8 +89,9 @@ impl Server {
         let index = store.manifest().index();
         let (matrices, device) = backends(&config)?;
         let backends = solving(matrices, &config.engine.solver);
-        let engine =
-            Engine::new(index.clone(), config.engine.clone(), backends).map_err(ServerError::Index)?;
+        let engine = Engine::new(index.clone(), config.engine.clone(), backends)
+            .map_err(ServerError::Index)?
+            .with_promise(promise::promise(&config, &index, &store));
         let (listener, local_addr) = bind("listen", config.listen).await?;
         let (admin, admin_addr) = bind("admin_listen", config.admin_listen).await?;
         let world = world_name(&config.world);
@@ -97,6 +102,8 @@ impl Server {
             store: Arc::new(store),
             engine,
             device,
+            report: Arc::default(),
+            ticks: Arc::default(),
             listener,
             tls,
             admin,
@@ -127,6 +134,18 @@ impl Server {
     #[must_use]
     pub fn world_name(&self) -> &str {
         &self.world
+    }
+
+    /// Sees every tick from now on.
+    #[must_use]
+    pub fn observer(&self) -> Observer {
+        Observer::new(self.promise().clone(), Arc::clone(&self.report), Arc::clone(&self.ticks))
+    }
+
+    /// What it promises: light of level 0 inside a radius, up to a speed.
+    #[must_use]
+    pub fn promise(&self) -> &Promise {
+        self.engine.promise()
     }
 
     /// What is in the world.
@@ -166,7 +185,7 @@ impl Server {
     fn start(self) -> Result<Running, ServerError> {
         let config = self.config;
         let metrics = Arc::new(Metrics::new());
-        let report = Arc::new(SharedReport::default());
+        let report = self.report;
         let sessions_max = config.engine.sessions_max;
         let (openings, opened) = mpsc::channel(sessions_max as usize);
         let (answers, tiles) = std::sync::mpsc::sync_channel(config.tile_queue as usize);
@@ -181,6 +200,7 @@ impl Server {
             tiles,
             requests: Arc::clone(&loader.requests),
             report: Arc::clone(&report),
+            ticks: self.ticks,
             metrics: Arc::clone(&metrics),
         };
         let engine = thread.start().map_err(|cause| {

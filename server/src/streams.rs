@@ -6,7 +6,7 @@ use crate::convert::VolumesWanted;
 use crate::engine_thread::Published;
 use crate::flow::Flow;
 use crate::publish::{Changes, DeltaStore};
-use earthshine_world::{ChunkSummary, Grid, WorldIndex};
+use earthshine_world::{Grid, WorldIndex};
 use glam::UVec3;
 
 /// One volume on its way to one client. Its name on the wire is its level.
@@ -38,14 +38,14 @@ pub(crate) struct VolumeLimits {
 impl Streams {
     /// Level 0 and the coarser levels of `index` that the client has room for.
     pub(crate) fn new(wanted: &VolumesWanted, index: &WorldIndex, limits: VolumeLimits) -> Self {
-        let top = index.chunks.iter().map(|chunk: &ChunkSummary| chunk.id.level).max().unwrap_or(0);
+        let levels = index.level_count().max(1);
         let stream = |level: u8| {
             let dims = wanted.dims_of(level, limits.dims_max)?;
             let grid: Grid = index.grid.at_level(level);
             let store = DeltaStore::new(level, dims, grid.voxel_edge_m, limits.snap_voxels);
             Some(Stream { store, flow: Flow::new(limits.in_flight_max), is_news: false })
         };
-        Self { streams: (0..=top).filter_map(stream).collect() }
+        Self { streams: (0..levels).filter_map(stream).collect() }
     }
 
     /// A frame came.
@@ -103,7 +103,9 @@ mod tests {
     use super::*;
     use crate::publish::Answered;
     use earthshine_engine::{Frame, FrameQuality, LevelLight, PatchLight, SessionId};
-    use earthshine_world::{Bounds, ChunkCoord, ChunkId, Direction, LightRig, Rgb, Vec3, VoxelCoord};
+    use earthshine_world::{
+        Bounds, ChunkCoord, ChunkId, ChunkSummary, Direction, LightRig, Rgb, Vec3, VoxelCoord,
+    };
     use std::sync::Arc;
 
     fn index(levels: u8) -> WorldIndex {
@@ -202,5 +204,15 @@ mod tests {
         assert_eq!((layout.level, layout.dims), (2, UVec3::splat(4)));
         streams.next(&published(1.0)).unwrap();
         assert_eq!((streams.streams[0].store.layout().dims, streams.may_send()), (UVec3::splat(16), false));
+    }
+
+    #[test]
+    fn levels_above_a_missing_one_are_not_offered() {
+        let mut index = index(4);
+        index.chunks.retain(|chunk| chunk.id.level != 2);
+        let limits = VolumeLimits { dims_max: UVec3::splat(16), snap_voxels: 2, in_flight_max: 1 };
+        let streams = Streams::new(&VolumesWanted::Any, &index, limits);
+        let levels: Vec<u8> = streams.streams.iter().map(|stream| stream.store.layout().level).collect();
+        assert_eq!((levels, index.level_count()), (vec![0, 1], 2));
     }
 }

@@ -11,7 +11,7 @@ use crate::tile::{Tile, estimated_bytes};
 use earthshine_light::Occluders;
 use earthshine_world::lineage::Lineage;
 use earthshine_world::{Bounds, Chunk, ChunkCoord, ChunkId, Vec3, WorldIndex};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 /// What is known of one chunk.
@@ -27,8 +27,12 @@ pub(crate) struct ChunkEntry {
     pub(crate) patch_count: u32,
     /// Memory of its tile: an estimate, until the tile was here once.
     pub(crate) bytes: u64,
+    /// Size of its tile on disk.
+    pub(crate) tile_bytes: u64,
     failures: u32,
     pub(crate) retry_at_s: f64,
+    /// Since when nobody wants it, while its tile is in memory, s.
+    unwanted_since_s: Option<f64>,
 }
 
 /// All chunks of all levels.
@@ -41,6 +45,9 @@ pub(crate) struct ChunkTable {
     decoded_bytes: u64,
     in_flight: u32,
     in_flight_bytes: u64,
+    /// Decoded, and nobody wants them: what may go when room is needed.
+    spare: BTreeSet<ChunkId>,
+    quarantined: BTreeSet<ChunkId>,
 }
 
 /// What became of a failed tile.
@@ -68,8 +75,10 @@ impl ChunkTable {
                     slots: 0,
                     patch_count: summary.patch_count,
                     bytes: estimated_bytes(summary),
+                    tile_bytes: summary.tile_bytes,
                     failures: 0,
                     retry_at_s: f64::NEG_INFINITY,
+                    unwanted_since_s: None,
                 };
                 Some((summary.id, entry))
             })
@@ -78,7 +87,16 @@ impl ChunkTable {
             .iter()
             .map(|plan| ShadowCasters::new(config.seed, plan.level, plan.grid.voxel_edge_m))
             .collect();
-        Self { entries, casters, levels, decoded_bytes: 0, in_flight: 0, in_flight_bytes: 0 }
+        Self {
+            entries,
+            casters,
+            levels,
+            decoded_bytes: 0,
+            in_flight: 0,
+            in_flight_bytes: 0,
+            spare: BTreeSet::new(),
+            quarantined: BTreeSet::new(),
+        }
     }
 
     /// All levels, finest first; at least one.
@@ -117,6 +135,11 @@ impl ChunkTable {
     /// Memory that the tiles in flight are expected to take, bytes.
     pub(crate) fn in_flight_bytes(&self) -> u64 {
         self.in_flight_bytes
+    }
+
+    /// Chunks in memory that nobody wants, ascending.
+    pub(crate) fn spare(&self) -> &BTreeSet<ChunkId> {
+        &self.spare
     }
 
     /// Requests not yet answered.
@@ -168,7 +191,7 @@ impl ChunkTable {
     ) -> Result<u64, TileFault> {
         let id = chunk.id;
         let level = usize::from(id.level);
-        let tile = Tile::new(chunk, lineage, &occluders, &self.levels[level].grid)?;
+        let tile = Tile::new(chunk, lineage, Arc::clone(&occluders), &self.levels[level].grid)?;
         let bytes = tile.bytes;
         let entry = self.land(id);
         entry.state.advance(ChunkState::Decoded);
@@ -189,6 +212,8 @@ impl ChunkTable {
         entry.failures += 1;
         if entry.failures > retries_max {
             entry.state.advance(ChunkState::Quarantined);
+            entry.retry_at_s = now_s + config.quarantine_s;
+            self.quarantined.insert(id);
             return Failure::Quarantined;
         }
         entry.state.advance(ChunkState::Absent);
@@ -198,27 +223,89 @@ impl ChunkTable {
         Failure::Retry
     }
 
-    /// Wanted again: Leaving to Resident. Others are left where they are.
+    /// Quarantined to Absent, for all whose time is up. Returns whether there was any.
+    pub(crate) fn release_quarantined(&mut self, now_s: f64) -> bool {
+        let is_due = |id: &&ChunkId| self.entries[*id].retry_at_s <= now_s;
+        let due: Vec<_> = self.quarantined.iter().filter(is_due).copied().collect();
+        for &id in &due {
+            self.quarantined.remove(&id);
+            entry_of(&mut self.entries, id).state.advance(ChunkState::Absent);
+        }
+        !due.is_empty()
+    }
+
+    /// Wanted, perhaps again: Leaving goes back to Resident, and nothing wanted is spare.
     pub(crate) fn keep(&mut self, id: ChunkId) {
         let entry = entry_of(&mut self.entries, id);
+        entry.unwanted_since_s = None;
         if entry.state == ChunkState::Leaving {
             entry.state.advance(ChunkState::Resident);
         }
+        if self.spare.remove(&id) {
+            let tile = entry.tile.as_ref().expect("a spare chunk is in memory");
+            self.casters[usize::from(id.level)].insert(id, Arc::clone(&tile.occluders));
+        }
     }
 
-    /// Unwanted: Decoded goes at once, Resident starts to leave. Returns whether a request has to be cancelled.
-    pub(crate) fn dismiss(&mut self, id: ChunkId) -> bool {
+    /// Nobody wants decoded chunk `id`: it may go, and casts no shadow meanwhile, so that light at rest does not depend on where
+    /// cameras have been.
+    fn make_spare(&mut self, id: ChunkId) {
+        self.spare.insert(id);
+        self.casters[usize::from(id.level)].remove(id);
+    }
+
+    /// Unwanted: Decoded becomes spare, Resident starts to leave. Returns whether a request has to be cancelled.
+    pub(crate) fn dismiss(&mut self, id: ChunkId, now_s: f64) -> bool {
         let entry = entry_of(&mut self.entries, id);
         match entry.state {
             ChunkState::Requested => {
                 self.cancel(id);
                 return true;
             }
-            ChunkState::Decoded => self.drop_tile(id),
-            ChunkState::Resident => entry.state.advance(ChunkState::Leaving),
+            ChunkState::Decoded | ChunkState::Resident => {
+                entry.unwanted_since_s = Some(now_s);
+                if entry.state == ChunkState::Resident {
+                    entry.state.advance(ChunkState::Leaving);
+                } else {
+                    self.make_spare(id);
+                }
+            }
             ChunkState::Absent | ChunkState::Leaving | ChunkState::Quarantined => {}
         }
         false
+    }
+
+    /// Decoded to Absent for spare chunks until `bytes` fit beside what is in memory and in flight. The first to go is the one
+    /// whose time unwanted times its distance from the nearest of `focuses`, in chunks of its level, is largest. Returns how many went.
+    pub(crate) fn make_room(&mut self, bytes: u64, most: u64, focuses: &[Vec3], now_s: f64) -> u64 {
+        let fits = |table: &Self| {
+            let held = table.decoded_bytes.saturating_add(table.in_flight_bytes);
+            held.saturating_add(bytes) <= most
+        };
+        if self.spare.is_empty() || fits(self) {
+            return 0;
+        }
+        let mut order: Vec<(u64, ChunkId)> =
+            self.spare.iter().map(|&id| (self.worth(id, focuses, now_s), id)).collect();
+        order.sort_unstable();
+        let mut gone = 0;
+        while !fits(self)
+            && let Some((_, id)) = order.pop()
+        {
+            self.drop_tile(id);
+            gone += 1;
+        }
+        gone
+    }
+
+    /// How soon spare chunk `id` should go, as bits of a number that is not negative: they order like it.
+    fn worth(&self, id: ChunkId, focuses: &[Vec3], now_s: f64) -> u64 {
+        let entry = &self.entries[&id];
+        let edge_m = self.levels[usize::from(id.level)].grid.chunk_edge_m();
+        let distance =
+            focuses.iter().map(|&focus| entry.bounds.distance(focus)).fold(f32::INFINITY, f32::min);
+        let age_s = now_s - entry.unwanted_since_s.unwrap_or(now_s);
+        ((age_s.max(0.0) + 1.0) * f64::from(1.0 + distance / edge_m)).to_bits()
     }
 
     /// One more patch of `id` holds a slot.
@@ -230,26 +317,27 @@ impl ChunkTable {
         }
     }
 
-    /// One patch of `id` fewer holds a slot; with the last one a leaving chunk is gone.
+    /// One patch of `id` fewer holds a slot; with the last one a leaving chunk is spare.
     pub(crate) fn release(&mut self, id: ChunkId) {
         let entry = entry_of(&mut self.entries, id);
         entry.slots -= 1;
         if entry.slots == 0 {
-            if entry.state == ChunkState::Leaving {
-                self.drop_tile(id);
-            } else {
-                entry.state.advance(ChunkState::Decoded);
+            let is_unwanted = entry.state == ChunkState::Leaving;
+            entry.state.advance(ChunkState::Decoded);
+            if is_unwanted {
+                self.make_spare(id);
             }
         }
     }
 
-    /// Decoded or Leaving to Absent.
+    /// Decoded to Absent, of a spare chunk.
     fn drop_tile(&mut self, id: ChunkId) {
         let entry = entry_of(&mut self.entries, id);
         entry.state.advance(ChunkState::Absent);
         let tile = entry.tile.take().expect("a chunk that leaves memory was there");
         self.decoded_bytes -= tile.bytes;
-        self.casters[usize::from(id.level)].remove(id);
+        entry.unwanted_since_s = None;
+        self.spare.remove(&id);
     }
 
     /// Ends a flight; the caller moves the state on.

@@ -31,11 +31,17 @@ pub struct EngineConfig {
     pub tiles_in_flight_max: u32,
     /// Memory for decoded chunks (patches, rows, shadow casters), bytes.
     ///
-    /// Nearest chunks are kept; the farthest go first. Sizes of tiles not yet seen are estimates, so that the
+    /// Nearest chunks come first. What is not wanted any more stays as long as there is room: who comes back finds it. When room
+    /// is needed, what has been unwanted longest and lies farthest goes first. Sizes of tiles not yet seen are estimates, so that the
     /// tiles in flight may overshoot it for a tick.
     /// - Higher: a larger `load_radius_m` can be filled.
     /// - Lower: less memory; shadows and light from fewer chunks.
     pub decoded_bytes_max: u64,
+    /// Memory of the decoded tiles that are taken in a tick, bytes, at least 1; one tile in any case, the others wait.
+    ///
+    /// Taking a tile checks each of its rows.
+    /// - Higher: bursts of tiles are usable sooner; longer ticks.
+    pub accepted_bytes_per_tick_max: u64,
     /// Chunks whose cube is within this distance of a camera are wanted in memory, m.
     ///
     /// Shadow casters and patches come from them alone.
@@ -51,6 +57,10 @@ pub struct EngineConfig {
     /// The point lies at most half of `load_radius_m` ahead. Longer: light is there earlier on straight flights, and
     /// wrongly placed in turns.
     pub look_ahead_s: f32,
+    /// Tiles are asked for along the way that the camera takes in this time at its present velocity, s.
+    ///
+    /// The way ends [`Self::TILE_WAY_RADII`] load radii ahead. Longer: fast cameras find their tiles in memory; more are read in vain.
+    pub tile_look_ahead_s: f32,
     /// What lies straight behind a camera counts as farther by this share in the order of work, 0..=4; beside it half of that.
     ///
     /// It changes what comes first, never what is resident in the end.
@@ -89,8 +99,13 @@ pub struct EngineConfig {
     pub lights_max: u32,
     /// Wait before a failed tile or backend is tried again, s; it doubles with every failure of the same tile.
     pub retry_after_s: f64,
-    /// Failures of a tile that are tried again; one more and its chunk is quarantined until the server restarts.
+    /// Failures of a tile that are tried again; one more and its chunk is quarantined.
     pub retries_max: u32,
+    /// A quarantined chunk is tried once more after this time, and so on, s.
+    ///
+    /// - Higher: less work and fewer warnings for tiles that stay bad.
+    /// - Lower: a repaired tile is found sooner.
+    pub quarantine_s: f64,
     /// Adds and removals of a session between two measurements of its matrix' rounding, at least 1.
     ///
     /// A measurement costs about as much as one add.
@@ -111,9 +126,11 @@ impl Default for EngineConfig {
             sessions_max: 8,
             tiles_in_flight_max: 8,
             decoded_bytes_max: 512 << 20,
+            accepted_bytes_per_tick_max: 16 << 20,
             load_radius_m: 48.0,
             hysteresis: 0.1,
             look_ahead_s: 0.25,
+            tile_look_ahead_s: 1.0,
             view_bias: 0.5,
             adds_per_tick_max: 32,
             removals_per_tick_max: 32,
@@ -123,6 +140,7 @@ impl Default for EngineConfig {
             lights_max: 256,
             retry_after_s: 1.0,
             retries_max: 3,
+            quarantine_s: 60.0,
             drift_probe_every_swaps: 1000,
             drift_max: 1e-4,
             solver: SolverConfig::default(),
@@ -149,6 +167,8 @@ impl EngineConfig {
     pub const RECEIVER_VOXELS_LIMIT: u32 = 16_384;
     /// Largest `sessions_max`.
     pub const SESSIONS_LIMIT: u32 = 1024;
+    /// Load radii ahead of a camera at which tiles are asked for at most.
+    pub const TILE_WAY_RADII: u8 = 4;
     /// Largest `load_radius_m`, m.
     pub const LOAD_RADIUS_LIMIT_M: f32 = 1e5;
 
@@ -200,6 +220,10 @@ impl EngineConfig {
         if self.decoded_bytes_max == 0 {
             return Err(ConfigError { key: "decoded_bytes_max", value: "0".to_owned(), cause: at_least_one });
         }
+        if self.accepted_bytes_per_tick_max == 0 {
+            let key = "accepted_bytes_per_tick_max";
+            return Err(ConfigError { key, value: "0".to_owned(), cause: at_least_one });
+        }
         real(
             "load_radius_m",
             self.load_radius_m.into(),
@@ -207,9 +231,16 @@ impl EngineConfig {
             "it has to be between 0.001 and 100000",
         )?;
         real("hysteresis", self.hysteresis.into(), 0.0..=1.0, "it has to be between 0 and 1")?;
+        real(
+            "tile_look_ahead_s",
+            self.tile_look_ahead_s.into(),
+            0.0..=60.0,
+            "it has to be between 0 and 60",
+        )?;
         real("view_bias", self.view_bias.into(), 0.0..=4.0, "it has to be between 0 and 4")?;
         real("look_ahead_s", self.look_ahead_s.into(), 0.0..=60.0, "it has to be between 0 and 60")?;
         real("retry_after_s", self.retry_after_s, 0.0..=86_400.0, "it has to be between 0 and 86400")?;
+        real("quarantine_s", self.quarantine_s, 0.01..=1e9, "it has to be between 0.01 and 1e9")?;
         real("drift_max", self.drift_max.into(), 1e-7..=1.0, "it has to be between 1e-7 and 1")
     }
 }
@@ -236,7 +267,7 @@ mod tests {
     #[test]
     fn each_impossible_value_is_refused_by_name() {
         type Spoil = fn(&mut EngineConfig);
-        let cases: [(&str, Spoil); 19] = [
+        let cases: [(&str, Spoil); 22] = [
             ("resident_patches_max", |c| c.resident_patches_max = 0),
             ("resident_patches_max", |c| c.resident_patches_max = 20_000),
             ("coarse_patches_max", |c| c.coarse_patches_max = 0),
@@ -245,6 +276,9 @@ mod tests {
             ("decoded_bytes_max", |c| c.decoded_bytes_max = 0),
             ("load_radius_m", |c| c.load_radius_m = f32::NAN),
             ("hysteresis", |c| c.hysteresis = -0.1),
+            ("tile_look_ahead_s", |c| c.tile_look_ahead_s = -1.0),
+            ("accepted_bytes_per_tick_max", |c| c.accepted_bytes_per_tick_max = 0),
+            ("quarantine_s", |c| c.quarantine_s = f64::NAN),
             ("view_bias", |c| c.view_bias = 5.0),
             ("look_ahead_s", |c| c.look_ahead_s = f32::INFINITY),
             ("adds_per_tick_max", |c| c.adds_per_tick_max = 0),

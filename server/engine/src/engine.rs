@@ -4,8 +4,10 @@ use crate::budget::{Budget, Weight, rotated};
 use crate::chunks::{ChunkTable, Failure};
 use crate::config::EngineConfig;
 use crate::error::EngineError;
+use crate::intake::{Arrival, Intake};
 use crate::level_view::{LevelView, Swaps, WantedChunk};
 use crate::local_set::LocalSet;
+use crate::promise::Promise;
 use crate::residency::ChunkState;
 use crate::schedule::{next_requests, wanted_chunks};
 use crate::session::Session;
@@ -14,7 +16,7 @@ use crate::{Command, Event, SessionId, SolverConfig};
 use earthshine_light::Occluders;
 use earthshine_radiosity::{Backend, BackendError};
 use earthshine_world::lineage::Lineage;
-use earthshine_world::{Camera, Chunk, ChunkId, Grid, LightRig, WorldIndex};
+use earthshine_world::{Camera, Chunk, ChunkId, Grid, LightRig, Vec3, WorldIndex};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -32,8 +34,12 @@ pub struct Engine {
     /// Chunks wanted by any session, most urgent first.
     wanted: Vec<ChunkId>,
     are_wants_old: bool,
-    now_s: f64,
-    counters: Counters,
+    /// Tiles that have come and are not taken yet.
+    pub(crate) intake: Intake,
+    /// What is held against every tick.
+    pub(crate) promise: Promise,
+    pub(crate) now_s: f64,
+    pub(crate) counters: Counters,
 }
 
 impl std::fmt::Debug for Engine {
@@ -48,7 +54,7 @@ impl std::fmt::Debug for Engine {
 impl Engine {
     /// An engine for the world of `index`, with nothing loaded and nobody connected.
     ///
-    /// Levels are used from 0 on, up to the first that is missing. Lights in the index that cannot be are replaced by none.
+    /// Levels are used from 0 on, up to the first that is missing (said in the log). Lights in the index that cannot be are replaced by none.
     ///
     /// # Errors
     /// [`EngineError`]: a setting out of range, an impossible grid, a chunk listed twice.
@@ -68,6 +74,15 @@ impl Engine {
         if let Some(pair) = ids.windows(2).find(|pair| pair[0] == pair[1]) {
             return Err(EngineError::DuplicateChunk(pair[0]));
         }
+        let level_count = index.level_count();
+        let unused = index.chunks.iter().filter(|chunk| chunk.id.level >= level_count.max(1)).count();
+        if unused > 0 {
+            tracing::warn!(
+                missing_level = level_count,
+                chunks = unused,
+                "levels above a missing one are not used: far light is coarser than it could be; bake the levels again"
+            );
+        }
         let chunks = ChunkTable::new(&index, &config);
         let world_lights = match index.lights.validate() {
             Ok(()) => index.lights,
@@ -84,6 +99,8 @@ impl Engine {
             sessions: BTreeMap::new(),
             wanted: Vec::new(),
             are_wants_old: false,
+            intake: Intake::default(),
+            promise: Promise::default(),
             now_s: 0.0,
             counters: Counters::default(),
         })
@@ -107,6 +124,8 @@ impl Engine {
         for event in events {
             self.take(event);
         }
+        self.are_wants_old |= self.chunks.release_quarantined(self.now_s);
+        self.accept_tiles();
         self.build_backends();
         if std::mem::take(&mut self.are_wants_old) {
             self.plan_chunks(commands);
@@ -116,7 +135,9 @@ impl Engine {
             session.replan(&self.chunks, &self.config);
         }
         let left_for_light = self.swap_patches();
+        self.make_room(0);
         self.refresh_direct(left_for_light);
+        self.hold_promise();
         let settled = self.finish(commands);
         TickStats { done: self.counters.since(&before), settled }
     }
@@ -128,7 +149,10 @@ impl Engine {
             counters: self.counters,
             chunks: self.chunks.iter().map(|(_, entry)| entry.state).collect(),
             decoded_bytes: self.chunks.decoded_bytes(),
-            sessions: self.sessions.values().map(|session| session.stats(&self.chunks)).collect(),
+            promised_radius_m: self.promise.radius_m,
+            promised_speed_m_s: self.promise.speed_m_s,
+            spare_chunks: u32::try_from(self.chunks.spare().len()).unwrap_or(u32::MAX),
+            sessions: self.sessions.values().map(Session::stats).collect(),
         }
     }
 
@@ -152,7 +176,7 @@ impl Engine {
             Event::Solver { solver } => self.take_solver(solver),
             Event::TileDecoded { chunk, occluders, lineage } => self.take_tile(chunk, lineage, occluders),
             Event::TileFailed { chunk, cause } => {
-                if self.chunks.awaits(chunk) {
+                if self.chunks.awaits(chunk) && !self.intake.holds(chunk) {
                     self.fail_tile(chunk, &cause);
                 } else {
                     self.counters.ignored.tiles += 1;
@@ -184,7 +208,7 @@ impl Engine {
     fn take_camera(&mut self, id: SessionId, camera: &Camera) {
         match self.sessions.get_mut(&id) {
             Some(session) if camera.is_valid() => {
-                self.are_wants_old |= session.set_camera(camera, &self.config);
+                self.are_wants_old |= session.set_camera(camera, &self.config, &self.promise, self.now_s);
             }
             _ => self.counters.ignored.cameras += 1,
         }
@@ -211,20 +235,39 @@ impl Engine {
     }
 
     fn take_tile(&mut self, chunk: Arc<Chunk>, lineage: Arc<Lineage>, occluders: Arc<Occluders>) {
-        let id = chunk.id;
-        if !self.chunks.awaits(id) {
+        let is_awaited = self.chunks.awaits(chunk.id);
+        if !(is_awaited && self.intake.put(Arrival { chunk, lineage, occluders })) {
             self.counters.ignored.tiles += 1;
-            return;
         }
-        match self.chunks.accept(chunk, lineage, occluders) {
-            Ok(bytes) => {
-                self.counters.tiles_decoded += 1;
-                self.counters.bytes_decoded += bytes;
-                // Its size is known now, and its patches are there to be had.
-                self.are_wants_old = true;
+    }
+
+    /// Takes tiles that have come, in that order, for a tick's bytes, one at least.
+    fn accept_tiles(&mut self) {
+        let mut bytes = 0u64;
+        while bytes < self.config.accepted_bytes_per_tick_max
+            && let Some(Arrival { chunk, lineage, occluders }) = self.intake.take()
+        {
+            let id = chunk.id;
+            match self.chunks.accept(chunk, lineage, occluders) {
+                Ok(own) => {
+                    bytes = bytes.saturating_add(own);
+                    self.counters.tiles_decoded += 1;
+                    self.counters.bytes_decoded += own;
+                    self.counters.tile_bytes += self.chunks.get(id).map_or(0, |entry| entry.tile_bytes);
+                    // Its size is known now, and its patches are there to be had.
+                    self.are_wants_old = true;
+                }
+                Err(fault) => self.fail_tile(id, &fault.to_string()),
             }
-            Err(fault) => self.fail_tile(id, &fault.to_string()),
         }
+    }
+
+    /// Lets spare chunks go until `bytes` fit the memory.
+    fn make_room(&mut self, bytes: u64) {
+        let focuses: Vec<Vec3> =
+            self.sessions.values().filter_map(|session| Some(session.outlook?.focus)).collect();
+        let most = self.config.decoded_bytes_max;
+        self.counters.evicted += self.chunks.make_room(bytes, most, &focuses, self.now_s);
     }
 
     fn fail_tile(&mut self, id: ChunkId, cause: &str) {
@@ -274,10 +317,9 @@ impl Engine {
         let wants = wanted_chunks(&outlooks, &self.chunks, &self.config);
         let mut keep = wants.most_urgent_first.clone();
         keep.sort_unstable();
-        let unwanted: Vec<_> =
-            self.chunks.iter().map(|(id, _)| id).filter(|id| keep.binary_search(id).is_err()).collect();
-        for chunk in unwanted {
-            if self.chunks.dismiss(chunk) {
+        for &chunk in self.wanted.iter().filter(|id| keep.binary_search(id).is_err()) {
+            if self.chunks.dismiss(chunk, self.now_s) {
+                self.intake.forget(chunk);
                 self.counters.tiles_cancelled += 1;
                 commands.push(Command::CancelTile { chunk });
             }
@@ -297,8 +339,14 @@ impl Engine {
         self.wanted = wants.most_urgent_first;
     }
 
+    /// Whether any session wants `id`, as far as was planned.
+    pub(crate) fn is_wanted(&self, id: ChunkId) -> bool {
+        self.wanted.contains(&id)
+    }
+
     fn request_tiles(&mut self, commands: &mut Vec<Command>) {
         for chunk in next_requests(&self.wanted, &self.chunks, &self.config, self.now_s) {
+            self.make_room(self.chunks.get(chunk).map_or(0, |entry| entry.bytes));
             self.chunks.request(chunk);
             self.counters.tiles_requested += 1;
             commands.push(Command::LoadTile { chunk });
@@ -379,7 +427,7 @@ impl Engine {
             if lost.iter().any(|&(lost, _)| lost == id) {
                 continue;
             }
-            let quality = session.quality(&self.chunks);
+            let quality = session.measure_quality(&self.chunks);
             if let Some(frame) = session.next_frame(&self.chunks, quality, self.now_s) {
                 self.counters.frames += 1;
                 commands.push(Command::PublishFrame { frame });
@@ -422,7 +470,7 @@ impl Engine {
 }
 
 /// Parts of a budget that a view of level 0 gets, to one of a coarse view: level 0 is what is promised.
-const FINEST_PARTS: u64 = 4;
+pub(crate) const FINEST_PARTS: u64 = 4;
 
 /// Views in the order given, each with its part of what is left when its turn comes.
 fn with_weights(waiting: &[(SessionId, u8)]) -> Vec<((SessionId, u8), Weight)> {

@@ -6,7 +6,7 @@ use earthshine_world::{Camera, Chunk, ChunkId, LightRig};
 use std::sync::Arc;
 
 /// One client's view of the world; given out by the shell, never reused in a run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct SessionId(pub u64);
 
 /// Something that happened outside.

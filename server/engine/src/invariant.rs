@@ -5,7 +5,7 @@
 //! | E1 tile | a chunk's tile is in memory exactly in the states Decoded, Resident, Leaving |
 //! | E2 slots | a chunk is Resident or Leaving exactly while its patches hold slots; their number is the sum over sessions |
 //! | E3 memory | bytes and flights are the sums over chunks; flights are within the limit |
-//! | E4 casters | shadow casters are those of the tiles in memory |
+//! | E4 casters | shadow casters are those of the tiles in memory, spare ones left out |
 //! | E5 bijection | slots, free slots, slot tables and backend agree; a slot's patch is its chunk's |
 //! | E6 parts | row parts are up to date; the sky's part is the stored one, to the bit; the parts sum to at most one |
 //! | E7 frame | a frame is finite, not negative, ascending, and no larger than the capacity |
@@ -13,6 +13,8 @@
 //! | E9 air | receivers are counted, and light in the air is finite, ascending and nowhere where a patch is resident |
 //! | E10 pinned | a settled pinned level is resident, all of it that is not refused or given up |
 //! | E11 far | far columns by parent are no more than the far part; what is fed is no more than that; parents are counted |
+//! | E12 spare | spare chunks are Decoded, wanted by nobody, and those alone; what waits to be taken is Requested, once |
+//! | E13 promise | violations are ticks held against the promise; what a frame says is missing is missing |
 
 use crate::PatchLight;
 use crate::engine::Engine;
@@ -20,9 +22,11 @@ use crate::level_view::LevelView;
 use crate::local_set::LocalSet;
 use crate::residency::ChunkState;
 use crate::session::Session;
+use crate::stats::Counters;
+use crate::tile::Tile;
 use earthshine_radiosity::Slot;
 use earthshine_world::{ChunkId, Direction, RowParts};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Most by which a row may exceed one, and by which row parts may differ from fresh ones.
 const SHARE_TOLERANCE: f32 = 2e-3;
@@ -69,6 +73,7 @@ impl Engine {
         ensure("E8 limit", self.sessions.len() <= self.config().sessions_max as usize, || {
             format!("{} sessions", self.sessions.len())
         })?;
+        self.check_spare()?;
         self.check_chunks(&slots)
     }
 
@@ -96,10 +101,29 @@ impl Engine {
         })?;
         let casting = table
             .iter()
-            .filter(|(_, entry)| entry.tile.as_ref().is_some_and(|tile| tile.casts_shadows))
+            .filter(|(id, entry)| {
+                let casts = |tile: &Tile| tile.occluders.triangle_count() > 0;
+                !table.spare().contains(id) && entry.tile.as_ref().is_some_and(casts)
+            })
             .count();
         let found: usize = table.levels().iter().map(|plan| table.casters(plan.level).len()).sum();
         ensure("E4 casters", found == casting, || format!("{found} chunks cast shadows, {casting} should"))
+    }
+
+    fn check_spare(&self) -> Result<(), InvariantError> {
+        let spare = self.chunks.spare();
+        for (id, entry) in self.chunks.iter() {
+            let is_idle = entry.state == ChunkState::Decoded && !self.is_wanted(id);
+            ensure("E12 spare", spare.contains(&id) == is_idle, || format!("{id} is {:?}", entry.state))?;
+        }
+        let waiting: Vec<ChunkId> = self.intake.ids().collect();
+        let distinct: BTreeSet<ChunkId> = waiting.iter().copied().collect();
+        let are_awaited = waiting.iter().all(|&id| self.chunks.awaits(id));
+        ensure("E12 spare", are_awaited && distinct.len() == waiting.len(), || format!("{waiting:?} wait"))?;
+        let Counters { violations, promised_ticks, .. } = self.counters;
+        ensure("E13 promise", violations <= promised_ticks, || {
+            format!("{violations} of {promised_ticks} ticks")
+        })
     }
 
     /// Once all of a pinned level is in memory and nothing of it waits, all of it is resident.

@@ -369,6 +369,7 @@ impl LevelView {
             resident_patches: local.len(),
             wanted_patches: u32::try_from(wanted).expect("limited by the capacity"),
             stale_direct,
+            missing_near: 0,
             settled: is_loaded
                 && stale_direct == 0
                 && !self.is_plan_old

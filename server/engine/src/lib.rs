@@ -10,7 +10,7 @@
 //!
 //! | step | where | bounded by |
 //! |---|---|---|
-//! | take events | [`engine`] | what the shell hands over |
+//! | take events; take tiles that came | [`engine`], `intake` | what the shell hands over; `accepted_bytes_per_tick_max` |
 //! | which chunks are wanted; let the others go | `schedule`, `chunks`, [`residency`] | `load_radius_m`, `decoded_bytes_max` |
 //! | ask for tiles, most urgent first | `schedule`, `priority` | `tiles_in_flight_max` |
 //! | which patches are nearest | `priority` | `resident_patches_max` |
@@ -18,6 +18,7 @@
 //! | light what is out of date | `relight`, `direct` | `shadow_points_per_tick_max` |
 //! | far light, sources to the backends, step, read, the coarsest level first | `far`, `relight`, `level_view` | |
 //! | gather light in empty air | `air` | `receiver_rows_per_tick_max` |
+//! | hold the tick against the promise | `coverage`, [`promise`] | |
 //! | publish | `session` | one frame a session |
 //!
 //! Work that does not fit is carried over: plans are lists that later ticks go on with.
@@ -37,17 +38,20 @@ mod air;
 mod budget;
 mod chunks;
 pub mod config;
+mod coverage;
 mod direct;
 pub mod engine;
 pub mod error;
 pub mod event;
 mod far;
 pub mod frame;
+mod intake;
 pub mod invariant;
 mod level_view;
 mod levels;
 mod local_set;
 mod priority;
+pub mod promise;
 mod relight;
 pub mod residency;
 mod schedule;
@@ -65,6 +69,7 @@ pub use error::EngineError;
 pub use event::{Command, Event, SessionId};
 pub use frame::{Frame, FrameQuality, LevelLight, PatchLight};
 pub use invariant::InvariantError;
+pub use promise::{Crowding, Means, Promise};
 pub use residency::ChunkState;
 pub use solver_config::{SolverConfig, SolverName};
 pub use stats::{ChunkCounts, Counters, EngineStats, IgnoredEvents, SessionStats, TickStats};

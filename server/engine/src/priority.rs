@@ -16,6 +16,8 @@ pub(crate) struct Outlook {
     pub(crate) position: Vec3,
     /// Where distances are measured from: where the camera will be, m.
     pub(crate) focus: Vec3,
+    /// The way that tiles are asked for along, from the focus on.
+    way: Vec3,
     /// Unit, or zero for a camera that looks nowhere.
     forward: Vec3,
     /// By how much what lies straight behind counts as farther in the order of work.
@@ -25,12 +27,28 @@ pub(crate) struct Outlook {
 impl Outlook {
     /// Of a valid camera.
     pub(crate) fn of(camera: &Camera, config: &EngineConfig) -> Self {
+        let focus = ahead(camera, config.look_ahead_s, config.load_radius_m * 0.5);
+        let way_max_m = config.load_radius_m * f32::from(EngineConfig::TILE_WAY_RADII);
+        let end = ahead(camera, config.tile_look_ahead_s, way_max_m);
+        // A shorter look ahead for tiles than for patches leaves no way.
+        let is_ahead = (end - focus).dot(camera.velocity) > 0.0;
         Self {
             position: camera.position,
-            focus: focus(camera, config.look_ahead_s, config.load_radius_m * 0.5),
+            focus,
+            way: if is_ahead { end - focus } else { Vec3::ZERO },
             forward: camera.forward.normalize_or_zero(),
             view_bias: config.view_bias,
         }
+    }
+
+    /// Places along the way at most `step_m` apart, and how far each lies from the focus, m: the focus first.
+    pub(crate) fn stops(&self, step_m: f32) -> impl Iterator<Item = (Vec3, f32)> {
+        let (focus, way, length_m) = (self.focus, self.way, self.way.length());
+        let steps = (length_m / step_m).ceil().clamp(0.0, f32::from(EngineConfig::TILE_WAY_RADII)) as u8;
+        (0..=steps).map(move |step| {
+            let share = f32::from(step) / f32::from(steps.max(1));
+            (focus + way * share, length_m * share)
+        })
     }
 
     /// `distance` to something at `place` as the order of work counts it: what is in view comes first.
@@ -41,7 +59,7 @@ impl Outlook {
 }
 
 /// Where the camera will be after `look_ahead_s`, at most `most_m` from where it is.
-fn focus(camera: &Camera, look_ahead_s: f32, most_m: f32) -> Vec3 {
+fn ahead(camera: &Camera, look_ahead_s: f32, most_m: f32) -> Vec3 {
     // In f64: a velocity near `f32::MAX` must not overflow on its way to the limit.
     let way = camera.velocity.as_dvec3() * f64::from(look_ahead_s);
     let clamped = way.clamp_length_max(f64::from(most_m));
@@ -145,7 +163,23 @@ mod tests {
     fn the_focus_runs_ahead_of_a_moving_camera_but_not_away_from_it() {
         for (velocity, expected) in [(0.0, 1.0), (4.0, 3.0), (-4.0, -1.0), (1000.0, 11.0), (f32::MAX, 11.0)] {
             let camera = Camera { position: Vec3::X, forward: Vec3::X, velocity: Vec3::X * velocity };
-            assert!((focus(&camera, 0.5, 10.0) - Vec3::X * expected).length() < 1e-5, "{velocity} m/s");
+            assert!((ahead(&camera, 0.5, 10.0) - Vec3::X * expected).length() < 1e-5, "{velocity} m/s");
+        }
+    }
+
+    #[test]
+    fn tiles_are_wanted_along_the_way_and_a_still_camera_has_none() {
+        let config = EngineConfig { load_radius_m: 10.0, ..EngineConfig::default() };
+        let stops = |velocity: f32| {
+            let camera = Camera { position: Vec3::X, forward: Vec3::X, velocity: Vec3::X * velocity };
+            Outlook::of(&camera, &config).stops(10.0).collect::<Vec<_>>()
+        };
+        assert_eq!(stops(0.0), [(Vec3::X, 0.0)]);
+        for velocity in [1.0, 20.0, 2778.0, f32::MAX] {
+            let stops = stops(velocity);
+            let end = 1.0 + velocity.min(10.0 * f32::from(EngineConfig::TILE_WAY_RADII));
+            assert!((stops.last().unwrap().0.x - end).abs() < 1e-3, "{velocity} m/s: {stops:?}");
+            assert!(stops.windows(2).all(|pair| pair[0].0.distance(pair[1].0) <= 10.001), "{stops:?}");
         }
     }
 

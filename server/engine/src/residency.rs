@@ -3,13 +3,15 @@
 //! ```text
 //!            request          tile            slot
 //!  Absent ───────────▶ Requested ──▶ Decoded ◀────▶ Resident
-//!    ▲ ▲ ◀───────────   │  cancel,    │               │  ▲
-//!    │ │                │  failure    │ unwanted      ▼  │ wanted again
-//!    │ └────────────────┼─────────────┘             Leaving
-//!    │                  ▼ too many failures            │
-//!    │             Quarantined                         │ last slot freed
-//!    └─────────────────────────────────────────────────┘
+//!    ▲ ▲ ◀───────────   │  cancel,    │   ▲           │  ▲
+//!    │ │                │  failure    │   │ last slot │  │ wanted
+//!    │ └────────────────┼─────────────┘   │ freed     ▼  │ again
+//!    │                  ▼ too many        └──────── Leaving
+//!    └──────────── Quarantined  failures
+//!       its time is up
 //! ```
+//!
+//! A Decoded chunk that nobody wants stays while there is room.
 
 use ChunkState::{Absent, Decoded, Leaving, Quarantined, Requested, Resident};
 
@@ -24,14 +26,14 @@ pub enum ChunkState {
     Decoded,
     /// At least one of its patches holds a slot in some session.
     Resident,
-    /// No longer wanted; its patches are being removed, then it is absent.
+    /// No longer wanted; its patches are being removed.
     Leaving,
-    /// Its tile failed too often; it is not asked for again.
+    /// Its tile failed too often; it is not asked for for a while.
     Quarantined,
 }
 
 /// Every legal move. There are no others.
-pub const MOVES: [(ChunkState, ChunkState); 10] = [
+pub const MOVES: [(ChunkState, ChunkState); 11] = [
     (Absent, Requested),
     (Requested, Decoded),
     (Requested, Absent),
@@ -41,7 +43,8 @@ pub const MOVES: [(ChunkState, ChunkState); 10] = [
     (Resident, Decoded),
     (Resident, Leaving),
     (Leaving, Resident),
-    (Leaving, Absent),
+    (Leaving, Decoded),
+    (Quarantined, Absent),
 ];
 
 impl ChunkState {
@@ -81,8 +84,8 @@ mod tests {
             (Requested, vec![Absent, Decoded, Quarantined]),
             (Decoded, vec![Absent, Resident]),
             (Resident, vec![Decoded, Leaving]),
-            (Leaving, vec![Absent, Resident]),
-            (Quarantined, vec![]),
+            (Leaving, vec![Decoded, Resident]),
+            (Quarantined, vec![Absent]),
         ] {
             let found: Vec<_> = ChunkState::ALL.into_iter().filter(|&to| from.may_become(to)).collect();
             assert_eq!(found, reachable, "from {from:?}");

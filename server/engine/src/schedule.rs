@@ -8,9 +8,6 @@ use crate::residency::ChunkState;
 use earthshine_world::ChunkId;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Where chunks of a pinned level stand: before all distances.
-const PINNED_RANK: f32 = -1.0;
-
 /// The chunks wanted now.
 #[derive(Debug, Default, PartialEq)]
 pub(crate) struct Wants {
@@ -27,7 +24,19 @@ struct Rank {
     urgency: f32,
 }
 
-/// Chunks within their level's load radius of any focus, as many as fit the memory, nearest first.
+impl Rank {
+    /// Chunks of a pinned level: before all distances.
+    const FIRST: Self = Self { distance: -1.0, urgency: -1.0 };
+    const LAST: Self = Self { distance: f32::INFINITY, urgency: f32::INFINITY };
+
+    fn improve(&mut self, other: Self) {
+        self.distance = self.distance.min(other.distance);
+        self.urgency = self.urgency.min(other.urgency);
+    }
+}
+
+/// Chunks within their level's load radius of any focus, or of where its camera is about to be, as many as fit the memory,
+/// nearest first.
 ///
 /// A pinned level comes before everything else, all of it. Distances count in chunks of their level: half as much for each
 /// level up.
@@ -46,24 +55,31 @@ pub(crate) fn wanted_chunks(
         for plan in chunks.levels() {
             let reach_m = if plan.is_pinned { f32::INFINITY } else { plan.load_radius_m };
             let scale = f32::from(1u16 << plan.level.min(15));
-            for (id, entry, distance) in chunks.near(plan, outlook.focus, reach_m * keep) {
-                let effective = match entry.state {
-                    ChunkState::Quarantined => continue,
-                    ChunkState::Absent => distance,
-                    _ => distance / keep,
-                };
-                if effective <= reach_m {
-                    own.push(id);
-                    let at_least = Rank { distance: f32::INFINITY, urgency: f32::INFINITY };
-                    let rank = ranks.entry(id).or_insert(at_least);
-                    if plan.is_pinned {
-                        *rank = Rank { distance: PINNED_RANK, urgency: PINNED_RANK };
-                    } else {
-                        let urgency = outlook.urgency(distance, entry.bounds.centre());
-                        rank.distance = rank.distance.min(effective / scale);
-                        rank.urgency = rank.urgency.min(urgency / scale);
+            let mut found: BTreeMap<ChunkId, Rank> = BTreeMap::new();
+            for (place, way_m) in outlook.stops(plan.load_radius_m) {
+                for (id, entry, distance) in chunks.near(plan, place, reach_m * keep) {
+                    let effective = match entry.state {
+                        ChunkState::Quarantined => continue,
+                        ChunkState::Absent => distance,
+                        _ => distance / keep,
+                    };
+                    if effective <= reach_m {
+                        let urgency = outlook.urgency(way_m + distance, entry.bounds.centre());
+                        let rank = Rank { distance: (way_m + effective) / scale, urgency: urgency / scale };
+                        found.entry(id).or_insert(Rank::LAST).improve(rank);
                     }
                 }
+                if plan.is_pinned {
+                    break;
+                }
+            }
+            for (id, rank) in found {
+                own.push(id);
+                ranks.entry(id).or_insert(Rank::LAST).improve(if plan.is_pinned {
+                    Rank::FIRST
+                } else {
+                    rank
+                });
             }
         }
         by_session.insert(session, own);
@@ -101,7 +117,8 @@ fn within_memory(
     admitted
 }
 
-/// The next chunks to ask for: wanted, absent, due, and within the limits on flights and memory.
+/// The next chunks to ask for: wanted, absent, due, and within the limits on flights and memory, in which spare chunks do
+/// not count.
 pub(crate) fn next_requests(
     most_urgent_first: &[ChunkId],
     chunks: &ChunkTable,
@@ -109,7 +126,11 @@ pub(crate) fn next_requests(
     now_s: f64,
 ) -> Vec<ChunkId> {
     let mut flights = config.tiles_in_flight_max.saturating_sub(chunks.in_flight());
-    let mut bytes = chunks.decoded_bytes().saturating_add(chunks.in_flight_bytes());
+    if flights == 0 {
+        return Vec::new();
+    }
+    let spare: u64 = chunks.spare().iter().filter_map(|&id| Some(chunks.get(id)?.bytes)).sum();
+    let mut bytes = chunks.decoded_bytes().saturating_add(chunks.in_flight_bytes()).saturating_sub(spare);
     let mut requests = Vec::new();
     for &id in most_urgent_first {
         let Some(entry) = chunks.get(id) else { continue };

@@ -10,11 +10,15 @@ use crate::level_view::{LevelView, Lighting, WantedChunk};
 use crate::levels::LevelPlan;
 use crate::local_set::LocalSet;
 use crate::priority::Outlook;
+use crate::promise::Promise;
 use crate::stats::{Counters, SessionStats};
 use crate::{Frame, FrameQuality, PatchLight, SessionId};
 use earthshine_radiosity::BackendError;
-use earthshine_world::{Camera, LightRig};
+use earthshine_world::{Camera, LightRig, Vec3};
 use std::sync::Arc;
+
+/// Cameras come late and in bunches: a way of so many times what velocity and radius explain is no jump yet.
+const JUMP_SLACK: f32 = 2.0;
 
 /// One client's light.
 #[derive(Debug)]
@@ -24,12 +28,18 @@ pub(crate) struct Session {
     pub(crate) views: Vec<LevelView>,
     /// What it sees; nothing before the first camera.
     pub(crate) outlook: Option<Outlook>,
+    pub(crate) motion: Motion,
+    /// Patches of level 0 within the promised radius that it has no light for.
+    pub(crate) missing_near: u32,
+    /// Ticks that broke the promise.
+    pub(crate) violations: u64,
     pub(crate) lighting: Lighting,
     pub(crate) backend_retry_at_s: f64,
     /// Light in empty air.
     pub(crate) air: AirSet,
     /// Light in the air as it was last told.
     receivers: Arc<[PatchLight]>,
+    quality: FrameQuality,
     told: Option<FrameQuality>,
     frames: u64,
     /// The last frame, for invariants.
@@ -43,10 +53,14 @@ impl Session {
             id,
             views: levels.iter().map(|plan| LevelView::new(id, plan.level)).collect(),
             outlook: None,
+            motion: Motion::default(),
+            missing_near: 0,
+            violations: 0,
             lighting: Lighting { rig, generation: 1 },
             backend_retry_at_s: f64::NEG_INFINITY,
             air: AirSet::default(),
             receivers: Arc::default(),
+            quality: FrameQuality::default(),
             told: None,
             frames: 0,
             last_frame: None,
@@ -54,7 +68,14 @@ impl Session {
     }
 
     /// Takes a valid camera. Returns whether that changes what is wanted.
-    pub(crate) fn set_camera(&mut self, camera: &Camera, config: &EngineConfig) -> bool {
+    pub(crate) fn set_camera(
+        &mut self,
+        camera: &Camera,
+        config: &EngineConfig,
+        promise: &Promise,
+        now_s: f64,
+    ) -> bool {
+        self.motion = self.motion.next(self.outlook.map(|outlook| outlook.position), camera, promise, now_s);
         let outlook = Some(Outlook::of(camera, config));
         let has_moved = outlook != self.outlook;
         self.outlook = outlook;
@@ -133,13 +154,14 @@ impl Session {
         self.air.clear();
     }
 
-    /// How complete the light is: counts are of level 0, settled are all.
-    pub(crate) fn quality(&self, table: &ChunkTable) -> FrameQuality {
+    /// How complete the light is now: counts are of level 0, settled are all.
+    pub(crate) fn measure_quality(&mut self, table: &ChunkTable) -> FrameQuality {
         let of = |view: &LevelView| view.quality(table, &self.lighting);
         let finest = of(&self.views[0]);
         let are_settled = finest.settled && self.views[1..].iter().all(|view| of(view).settled);
         let settled = self.outlook.is_some() && self.air.stale_count() == 0 && are_settled;
-        FrameQuality { settled, ..finest }
+        self.quality = FrameQuality { settled, missing_near: self.missing_near, ..finest };
+        self.quality
     }
 
     /// The light as it is now, if it or its `quality` is news.
@@ -182,19 +204,52 @@ impl Session {
         Some(frame)
     }
 
-    /// Plain numbers.
-    pub(crate) fn stats(&self, table: &ChunkTable) -> SessionStats {
-        let quality = self.quality(table);
+    /// Plain numbers, as of the last tick.
+    pub(crate) fn stats(&self) -> SessionStats {
+        let quality = self.quality;
+        let local = self.views[0].local.as_ref();
+        let (mut far, mut fed, mut patches) = (0.0f64, 0.0f64, 0.0f64);
+        for (_, resident) in local.into_iter().flat_map(LocalSet::iter) {
+            far += f64::from(resident.parts.far);
+            fed += f64::from(resident.fed_share);
+            patches += 1.0;
+        }
         SessionStats {
             session: self.id,
             resident_patches: quality.resident_patches,
             wanted_patches: quality.wanted_patches,
             stale_direct: quality.stale_direct,
-            refused_patches: self.views[0].local.as_ref().map_or(0, LocalSet::refused_count),
+            missing_near: quality.missing_near,
+            violations: self.violations,
+            refused_patches: local.map_or(0, LocalSet::refused_count),
             settled: quality.settled,
             frames: self.frames,
             drift: self.views.iter().map(|view| view.drift).fold(0.0, f32::max),
             audit_error: self.views.iter().map(|view| view.audit_error).fold(0.0, f32::max),
+            far_share: (far / patches.max(1.0)) as f32,
+            fed_share: (fed / patches.max(1.0)) as f32,
         }
+    }
+}
+
+/// How a camera moves, as far as the promise depends on it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Motion {
+    /// As the client says.
+    pub(crate) speed_m_s: f32,
+    seen_at_s: f64,
+    /// The promise holds from this time on: a jump takes time to recover from.
+    pub(crate) held_from_s: f64,
+}
+
+impl Motion {
+    /// A camera comes from `before` at time `now_s`. One that went farther than its velocity explains has jumped.
+    fn next(self, before: Option<Vec3>, camera: &Camera, promise: &Promise, now_s: f64) -> Self {
+        let speed_m_s = camera.velocity.as_dvec3().length() as f32;
+        let elapsed_s = (now_s - self.seen_at_s) as f32;
+        let explained_m = JUMP_SLACK * (speed_m_s.max(self.speed_m_s) * elapsed_s + promise.radius_m);
+        let has_jumped = before.is_none_or(|before| before.distance(camera.position) > explained_m);
+        let held_from_s = if has_jumped { now_s + f64::from(promise.recovery_s) } else { self.held_from_s };
+        Self { speed_m_s, seen_at_s: now_s, held_from_s }
     }
 }

@@ -28,6 +28,9 @@ impl IgnoredEvents {
     }
 }
 
+/// Levels that are counted apart; the last counts all above it too.
+pub const LEVELS: usize = 16;
+
 /// What has been done since the start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counters {
@@ -47,6 +50,8 @@ pub struct Counters {
     pub quarantined: u64,
     /// Memory of all tiles taken, bytes.
     pub bytes_decoded: u64,
+    /// Size on disk of all tiles taken, bytes.
+    pub tile_bytes: u64,
     /// Patches that entered a local set.
     pub adds: u64,
     /// Patches that left one.
@@ -73,6 +78,14 @@ pub struct Counters {
     pub frames: u64,
     /// Audits of a solver by the matrix.
     pub audits: u64,
+    /// Unwanted chunks that went because room was needed.
+    pub evicted: u64,
+    /// Ticks times sessions that were held against the promise.
+    pub promised_ticks: u64,
+    /// Of those, with a patch of level 0 missing inside the promised radius.
+    pub violations: u64,
+    /// Ticks times sessions, jumps included, with a patch missing inside the promised radius of level 0, twice that of level 1, and so on.
+    pub misses_by_level: [u64; LEVELS],
 }
 
 impl Counters {
@@ -95,6 +108,7 @@ impl Counters {
             tile_failures: self.tile_failures - earlier.tile_failures,
             quarantined: self.quarantined - earlier.quarantined,
             bytes_decoded: self.bytes_decoded - earlier.bytes_decoded,
+            tile_bytes: self.tile_bytes - earlier.tile_bytes,
             adds: self.adds - earlier.adds,
             removes: self.removes - earlier.removes,
             weak_pivots: self.weak_pivots - earlier.weak_pivots,
@@ -108,6 +122,10 @@ impl Counters {
             resolves: self.resolves - earlier.resolves,
             frames: self.frames - earlier.frames,
             audits: self.audits - earlier.audits,
+            evicted: self.evicted - earlier.evicted,
+            promised_ticks: self.promised_ticks - earlier.promised_ticks,
+            violations: self.violations - earlier.violations,
+            misses_by_level: std::array::from_fn(|at| self.misses_by_level[at] - earlier.misses_by_level[at]),
         }
     }
 }
@@ -156,7 +174,7 @@ impl FromIterator<ChunkState> for ChunkCounts {
 }
 
 /// One session at this moment.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SessionStats {
     /// Whose.
     pub session: SessionId,
@@ -166,6 +184,10 @@ pub struct SessionStats {
     pub wanted_patches: u32,
     /// Patches whose direct light is out of date.
     pub stale_direct: u32,
+    /// Patches within the promised radius that have no light of level 0.
+    pub missing_near: u32,
+    /// Ticks that broke the promise.
+    pub violations: u64,
     /// Patches that its backend refused and that are not offered again while their chunk is near.
     pub refused_patches: u32,
     /// Whether everything wanted is resident and nothing is stale.
@@ -176,6 +198,10 @@ pub struct SessionStats {
     pub drift: f32,
     /// Relative RMSE of its light against the matrix at the last audit, the worst level; 0 before the first.
     pub audit_error: f32,
+    /// Mean share of the rows of level 0 whose columns exist but are not resident, 0..=1.
+    pub far_share: f32,
+    /// Mean of what coarse levels bring of it, 0..=1: the rest is a gap.
+    pub fed_share: f32,
 }
 
 /// The engine at this moment.
@@ -187,6 +213,12 @@ pub struct EngineStats {
     pub chunks: ChunkCounts,
     /// Memory of the tiles held, bytes.
     pub decoded_bytes: u64,
+    /// What is promised: light of level 0 within this radius of a camera, m; 0 for no promise.
+    pub promised_radius_m: f32,
+    /// Up to this speed, m/s.
+    pub promised_speed_m_s: f32,
+    /// Chunks in memory that nobody wants: they go when room is needed.
+    pub spare_chunks: u32,
     /// Open sessions, ascending.
     pub sessions: Vec<SessionStats>,
 }

@@ -18,8 +18,7 @@ pub(crate) struct Tile {
     pub(crate) lineage: Arc<Lineage>,
     /// Chunk, ancestors and shadow casters, bytes. Ancestors that other tiles know too count once each.
     pub(crate) bytes: u64,
-    /// Whether it has shadow casters at all.
-    pub(crate) casts_shadows: bool,
+    pub(crate) occluders: Arc<Occluders>,
 }
 
 impl Tile {
@@ -27,14 +26,14 @@ impl Tile {
     pub(crate) fn new(
         chunk: Arc<Chunk>,
         lineage: Arc<Lineage>,
-        occluders: &Occluders,
+        occluders: Arc<Occluders>,
         grid: &Grid,
     ) -> Result<Self, TileFault> {
         check_patches(&chunk, grid)?;
         check_rows(&chunk.rows, chunk.patches.len())?;
         check_receivers(&chunk, grid)?;
         let bytes = (chunk_bytes(&chunk) + lineage.bytes() + occluders.bytes()) as u64;
-        Ok(Self { chunk, lineage, bytes, casts_shadows: occluders.triangle_count() > 0 })
+        Ok(Self { chunk, lineage, bytes, occluders })
     }
 }
 
@@ -142,7 +141,7 @@ mod tests {
         let mut chunk = Chunk::clone(fullest);
         spoil(&mut chunk);
         let no_casters = Occluders::build(&OccluderMesh::default());
-        Tile::new(Arc::new(chunk), Arc::default(), &no_casters, &world.index.grid).map(|_| ())
+        Tile::new(Arc::new(chunk), Arc::default(), Arc::new(no_casters), &world.index.grid).map(|_| ())
     }
 
     #[test]

@@ -55,6 +55,8 @@ pub enum ConfigError {
 const TIMEOUT_MAX_S: f64 = 86_400.0;
 /// Fastest rate a key may ask for, Hz.
 const RATE_MAX_HZ: f64 = 10_000.0;
+/// Faster than any disk.
+const TILE_RATE_MAX_MB_S: f64 = 1e6;
 /// Most voxels along one edge of a volume.
 const VOLUME_EDGE_MAX: u32 = VOLUME_DIM_MAX;
 
@@ -139,6 +141,7 @@ impl Config {
             ("drain_timeout_s", self.drain_timeout_s, TIMEOUT_MAX_S),
             ("camera_rate_max_hz", self.camera_rate_max_hz, RATE_MAX_HZ),
             ("tick_rate_hz", self.tick_rate_hz, RATE_MAX_HZ),
+            ("tile_rate_mb_s", self.tile_rate_mb_s, TILE_RATE_MAX_MB_S),
         ];
         for (key, value, most) in times {
             // Written so that NaN is refused too.

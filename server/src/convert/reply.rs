@@ -126,6 +126,7 @@ fn frame_quality(quality: &FrameQuality) -> v1::FrameQuality {
         wanted_patches: quality.wanted_patches,
         stale_direct: quality.stale_direct,
         settled: quality.settled,
+        missing_near: quality.missing_near,
     }
 }
 
@@ -160,6 +161,11 @@ pub(crate) fn statistics(
         messages_ignored: counts.messages_ignored,
         sessions: saturated(report.stats.sessions.len()),
         matrix_drift: own.map_or(0.0, |own| own.drift),
+        promised_radius_m: report.stats.promised_radius_m,
+        promised_speed_m_s: report.stats.promised_speed_m_s,
+        promise_violations: own.map_or(0, |own| own.violations),
+        far_share: own.map_or(0.0, |own| own.far_share),
+        fed_share: own.map_or(0.0, |own| own.fed_share),
     }))
 }
 
@@ -179,7 +185,7 @@ pub(crate) fn world_info(world: &str, index: &WorldIndex) -> v1::WorldInfo {
         chunk_edge_voxels: index.grid.chunk_edge_voxels,
         bounds_min: Some(bounds_min),
         bounds_max: Some(bounds_max),
-        level_count: chunks.iter().map(|chunk| u32::from(chunk.id.level) + 1).max().unwrap_or(1),
+        level_count: index.level_count().max(1).into(),
         chunk_count: chunks.len() as u64,
         patch_count: chunks.iter().map(|chunk| u64::from(chunk.patch_count)).sum(),
         nonzero_count: chunks.iter().map(|chunk| chunk.nonzero_count).sum(),

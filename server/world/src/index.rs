@@ -27,3 +27,12 @@ pub struct WorldIndex {
     /// The lights that came with the scene.
     pub lights: LightRig,
 }
+
+impl WorldIndex {
+    /// Levels from 0 on without a gap: those above a missing one cannot be used, since parents are found level by level.
+    #[must_use]
+    pub fn level_count(&self) -> u8 {
+        let has = |level: &u8| self.chunks.iter().any(|chunk| chunk.id.level == *level);
+        (0..=Grid::LEVEL_MAX).take_while(has).count() as u8
+    }
+}

@@ -247,6 +247,16 @@ pub(crate) fn print_report(report: &FlyReport) {
         report.dark_probes,
         report.probes
     );
+    if let (Some(radius), Some(speed), Some(violations)) =
+        (report.promised_radius_m, report.promised_speed_m_s, report.promise_violations)
+        && radius > 0.0
+    {
+        out!(
+            "promised: light of level 0 within {radius:.1} m at up to {speed:.1} m/s; broken in {violations} ticks, \
+             missing in {} frames",
+            report.incomplete_frames
+        );
+    }
     if report.teleports > 0 {
         out!(
             "teleports: {} of {} lit, p50 {}, p99 {}",

@@ -2,7 +2,7 @@
 
 use crate::output::out;
 use anyhow::Context as _;
-use earthshine_server::{ServeArgs, Server, shutdown};
+use earthshine_server::{Promise, ServeArgs, Server, shutdown};
 
 /// Runs the subcommand.
 pub(crate) fn run(arguments: ServeArgs) -> anyhow::Result<()> {
@@ -12,7 +12,30 @@ pub(crate) fn run(arguments: ServeArgs) -> anyhow::Result<()> {
         let server = Server::bind(config).await?;
         out!("serving  http://{}   (gRPC; {})", server.local_addr(), server.world_name());
         out!("admin    http://{}/metrics, /health, /ready", server.admin_addr());
+        out!("{}", promised(server.promise()));
         server.run(async { drop(shutdown::signal().await) }).await?;
         Ok(())
     })
+}
+
+/// What the server promises, in words.
+fn promised(promise: &Promise) -> String {
+    if promise.radius_m <= 0.0 {
+        return "promise  none: the most crowded places do not fit the slots or the memory; raise \
+                engine.resident_patches_max or engine.decoded_bytes_max, or bake with larger voxels"
+            .to_owned();
+    }
+    let also = [10.0, 50.0, 200.0]
+        .into_iter()
+        .filter(|&speed| speed > promise.speed_m_s)
+        .map(|speed| format!(", {:.1} m at {speed} m/s", promise.radius_at(speed)))
+        .collect::<String>();
+    format!(
+        "promise  one camera has light of level 0 within {:.1} m in every frame, at up to {:.1} m/s with {:.1} MB/s of \
+         tiles, and {:.1} s after a jump{also}",
+        promise.radius_m,
+        promise.speed_m_s,
+        promise.tile_bytes_per_s / 1e6,
+        promise.recovery_s
+    )
 }

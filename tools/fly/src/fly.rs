@@ -233,6 +233,7 @@ impl<'a> Flight<'a> {
         // As in a game: this step is drawn with what is there now, not with what it has just asked for.
         let light = self.client.light();
         self.report.settled_frames += u64::from(light.frame().settled);
+        self.report.incomplete_frames += u64::from(light.frame().missing_near > 0);
         if self.report.first_light_ms.is_some() {
             let found = self.ask(&light);
             self.report.probed(found);
@@ -252,8 +253,10 @@ impl<'a> Flight<'a> {
         if self.report.first_light_ms.is_none() && light.patch_count() > 0 {
             self.report.first_light_ms = Some(self.before.elapsed().as_secs_f64() * 1000.0);
         }
+        // Near the camera nothing of level 0 may be missing, as far as the server promises anything.
         if let Some(jump) = &self.jump
             && light.camera_sequence() >= jump.camera_sequence
+            && light.frame().missing_near == 0
             && !self.ask(light).is_miss
         {
             self.teleports.record(jump.at.elapsed());
@@ -284,6 +287,11 @@ impl<'a> Flight<'a> {
         report.bytes = statistics.bytes;
         report.bytes_per_s = statistics.bytes as f64 / duration_s.max(1e-9);
         report.server_tick_ms = statistics.server.map(|server| f64::from(server.tick_ms));
+        report.promised_radius_m = statistics.server.map(|server| f64::from(server.promised_radius_m));
+        report.promised_speed_m_s = statistics.server.map(|server| f64::from(server.promised_speed_m_s));
+        report.promise_violations = statistics.server.map(|server| server.promise_violations);
+        report.server_far_share = statistics.server.map(|server| f64::from(server.far_share));
+        report.server_fed_share = statistics.server.map(|server| f64::from(server.fed_share));
         report.server_matrix_drift = statistics.server.map(|server| f64::from(server.matrix_drift));
         report.warning = statistics.warning;
         report.set_latencies(&self.answers, &self.teleports);

@@ -52,6 +52,18 @@ pub struct FlyReport {
     pub teleport_to_light_ms_max: Option<f64>,
     /// Camera steps at which the server's light was settled.
     pub settled_frames: u64,
+    /// Camera steps at which light of level 0 was missing within the promised radius.
+    pub incomplete_frames: u64,
+    /// What the server promises: light of level 0 within this radius, m; 0 for no promise.
+    pub promised_radius_m: Option<f64>,
+    /// Up to this speed, m/s.
+    pub promised_speed_m_s: Option<f64>,
+    /// The server's last word on its ticks for this session that broke the promise.
+    pub promise_violations: Option<u64>,
+    /// Mean share of what the resident patches see that is not resident, the server's last word.
+    pub server_far_share: Option<f64>,
+    /// Mean of what coarse levels bring of it.
+    pub server_fed_share: Option<f64>,
     /// Patches in the last light.
     pub last_patches: u64,
     /// The server's last word on its tick, ms.

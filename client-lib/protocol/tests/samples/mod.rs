@@ -136,7 +136,13 @@ fn volume() -> v1::Volume {
 }
 
 fn frame() -> v1::FrameQuality {
-    v1::FrameQuality { resident_patches: 900, wanted_patches: 4096, stale_direct: 7, settled: true }
+    v1::FrameQuality {
+        resident_patches: 900,
+        wanted_patches: 4096,
+        stale_direct: 7,
+        settled: true,
+        missing_near: 3,
+    }
 }
 
 fn delta() -> v1::Delta {
@@ -172,6 +178,11 @@ fn statistics() -> v1::Statistics {
         messages_ignored: 2,
         sessions: 4,
         matrix_drift: 1e-6,
+        promised_radius_m: 16.5,
+        promised_speed_m_s: 12.0,
+        promise_violations: 2,
+        far_share: 0.25,
+        fed_share: 0.125,
     }
 }
 

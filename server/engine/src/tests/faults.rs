@@ -63,7 +63,7 @@ fn time_that_runs_backwards_counts_as_the_last() {
 
 #[test]
 fn a_broken_tile_is_tried_again_later_then_quarantined() {
-    let config = EngineConfig { retry_after_s: 0.1, retries_max: 2, ..generous(500) };
+    let config = EngineConfig { retry_after_s: 0.1, retries_max: 2, quarantine_s: 4.0, ..generous(500) };
     let mut harness = Harness::new(world(3), config, Faults::default()).with_camera(Vec3::ZERO);
     let broken = *harness.world.chunks.iter().find(|(_, chunk)| chunk.patches.len() > 2).unwrap().0;
     harness.broken.insert(broken);
@@ -86,6 +86,19 @@ fn a_broken_tile_is_tried_again_later_then_quarantined() {
     let lost = harness.world.chunks[&broken].patches.len();
     assert_eq!(harness.frame(ALICE).patches.len(), harness.world.patch_count() - lost);
     assert!(harness.frame(ALICE).patches.iter().any(|light| light.far_share > 0.0));
+    // It is tried again when its time is up, fails once more, and is mended at last.
+    for _ in 0..200 {
+        harness.tick();
+    }
+    let counters = harness.engine.stats().counters;
+    assert_eq!((counters.quarantined, counters.tile_failures), (2, 4));
+    harness.broken.clear();
+    for _ in 0..400 {
+        harness.tick();
+    }
+    harness.settle();
+    assert_eq!(harness.frame(ALICE).patches.len(), harness.world.patch_count());
+    assert_eq!(harness.engine.stats().chunks.quarantined, 0);
 }
 
 #[test]
@@ -199,4 +212,113 @@ fn an_engine_may_change_threads() {
     fn may_change_threads<T: Send>(_: &T) {}
     let harness = Harness::new(world(10), generous(1), Faults::default());
     may_change_threads(&harness.engine);
+}
+
+/// Goal: a coarse level that is missing, in the index or as tiles, costs far light and says so; nothing else.
+#[test]
+fn a_missing_coarse_level_is_a_gap() {
+    let whole = world(11).with_levels(4);
+    let mut harness = Harness::new(whole.clone(), generous(8), Faults::default()).with_camera(Vec3::ZERO);
+    harness.settle();
+    let fed = |harness: &Harness| harness.engine.stats().sessions[0].fed_share;
+    assert!(fed(&harness) > 0.05, "{}", fed(&harness));
+
+    let mut unlisted = whole.clone();
+    unlisted.index.chunks.retain(|chunk| chunk.id.level != 1);
+    let mut harness = Harness::new(unlisted, generous(8), Faults::default()).with_camera(Vec3::ZERO);
+    harness.settle();
+    assert_eq!((fed(&harness), harness.frame(ALICE).coarse.len()), (0.0, 0));
+    assert!(harness.requests.iter().all(|chunk| chunk.level == 0), "what cannot be used is not loaded");
+    assert_eq!(harness.frame(ALICE).patches.len(), 8);
+
+    let mut harness = Harness::new(whole, EngineConfig { retries_max: 0, ..generous(8) }, Faults::default());
+    harness.broken = harness.world.chunks.keys().filter(|id| id.level == 1).copied().collect();
+    harness = harness.with_camera(Vec3::ZERO);
+    harness.settle();
+    let levels: Vec<usize> = harness.frame(ALICE).coarse.iter().map(|level| level.patches.len()).collect();
+    assert!(levels[0] == 0 && levels[2] > 0, "{levels:?}");
+    assert!(fed(&harness) > 0.05, "grandparents stand in for parents: {}", fed(&harness));
+    assert!(harness.engine.stats().counters.quarantined > 0);
+}
+
+/// Goal: no camera, however far or fast, stops the engine, and who comes back finds light. Method: the camera crosses the
+/// world at 10 km/s, leaves it for places that are none, and returns.
+#[test]
+fn cameras_beyond_all_measure_are_survived() {
+    let config = EngineConfig { load_radius_m: 6.0, tiles_in_flight_max: 2, ..generous(30) };
+    let mut harness =
+        Harness::new(world(12).with_levels(3), config, Faults::default()).with_camera(Vec3::ZERO);
+    harness.settle();
+    let before = harness.frame(ALICE).patches.clone();
+    let velocity = Vec3::X * 10_000.0;
+    for step in 0..60 {
+        let position = Vec3::X * (step as f32 - 30.0) * 166.7;
+        let camera = Camera { position, forward: Vec3::NEG_X, velocity };
+        harness.events.push(Event::Camera { session: ALICE, camera });
+        harness.tick();
+    }
+    for position in [Vec3::NAN, Vec3::splat(f32::INFINITY), Vec3::splat(9e5), Vec3::NEG_Y * 5e5] {
+        let camera = Camera { position, forward: Vec3::NAN.min(Vec3::ONE), velocity: Vec3::splat(f32::MAX) };
+        harness.events.push(Event::Camera { session: ALICE, camera });
+        harness.look_from(ALICE, position);
+        harness.tick();
+    }
+    // The top level is held wherever the camera is: there is never nothing to show.
+    assert!(!harness.frame(ALICE).coarse.last().unwrap().patches.is_empty());
+    harness.look_from(ALICE, Vec3::ZERO);
+    harness.settle();
+    let places = |lights: &[crate::PatchLight]| {
+        lights.iter().map(|light| (light.voxel.to_array(), light.direction)).collect::<Vec<_>>()
+    };
+    assert_eq!(places(&harness.frame(ALICE).patches), places(&before));
+}
+
+/// Goal: a thousand lights are followed within the budget of rays, patch by patch, and the age of what is not lit yet is told.
+#[test]
+fn a_thousand_lights_take_their_time() {
+    let config = EngineConfig { lights_max: 1000, shadow_points_per_tick_max: 4000, ..generous(60) };
+    let mut harness = Harness::new(world(13), config, Faults::default()).with_camera(Vec3::ZERO);
+    harness.settle();
+    let lights =
+        (0..1000).map(|at| lamp(Vec3::new(at as f32 % 16.0, 2.0, at as f32 % 13.0)).lights[0]).collect();
+    harness.light(ALICE, LightRig { lights, ..lamp(Vec3::ZERO) });
+    let done = harness.tick().done;
+    assert!(done.rays < 8000 && done.slots_lit > 0, "{done:?}");
+    assert!(harness.frame(ALICE).quality.stale_direct > 0 && !harness.frame(ALICE).quality.settled);
+    harness.settle();
+    assert_eq!(harness.frame(ALICE).quality.stale_direct, 0);
+}
+
+/// Goal: what is promised is counted: kept by a sound world, broken and told where a tile near the camera is missing.
+#[test]
+fn a_broken_promise_is_counted_and_told() {
+    let promise = |world: &RandomWorld, config: &EngineConfig| {
+        let mut crowding = crate::Crowding::new(world.index.grid.voxel_edge_m);
+        let patches: Vec<Vec3> =
+            world.chunks.values().flat_map(|chunk| &chunk.patches).map(|patch| patch.centroid).collect();
+        crowding.look(&patches, &patches);
+        let means = crate::Means { tick_rate_hz: 60.0, tile_bytes_per_s: 1e9 };
+        crate::Promise::of(&world.index, config, &crowding, means)
+    };
+    for is_broken in [false, true] {
+        let (world, config) = (world(14), generous(60));
+        let promise = promise(&world, &config);
+        assert!(promise.radius_m > 1.0 && promise.recovery_s < 5.0, "{promise:?}");
+        let mut harness = Harness::new(world, config, Faults::default());
+        harness.engine = harness.engine.with_promise(promise);
+        let fullest = harness.world.chunks.values().max_by_key(|chunk| chunk.patches.len()).unwrap();
+        let (id, place) = (fullest.id, fullest.patches[0].centroid);
+        if is_broken {
+            harness.broken.insert(id);
+        }
+        harness = harness.with_camera(place);
+        for _ in 0..400 {
+            harness.tick();
+        }
+        let (stats, quality) = (harness.engine.stats(), harness.frame(ALICE).quality);
+        assert!(stats.counters.promised_ticks > 50, "{stats:?}");
+        assert_eq!(stats.counters.violations > 0, is_broken, "{stats:?}");
+        assert_eq!((quality.missing_near > 0, stats.sessions[0].violations > 0), (is_broken, is_broken));
+        assert!(stats.counters.misses_by_level[0] > 0, "the first ticks have no light yet");
+    }
 }

@@ -127,11 +127,70 @@ fn unwanted_chunks_leave_and_come_back() {
     harness.look_from(ALICE, Vec3::ZERO);
     harness.settle();
     assert_eq!((states(&harness, ChunkState::Leaving), states(&harness, ChunkState::Resident)), (0, near));
+    let asked = harness.requests.len();
     harness.look_from(ALICE, Vec3::new(5000.0, 0.0, 0.0));
     harness.settle();
-    assert_eq!(states(&harness, ChunkState::Absent), harness.world.chunks.len());
     assert!(harness.frame(ALICE).patches.is_empty());
-    assert_eq!(harness.engine.stats().decoded_bytes, 0);
+    let stats = harness.engine.stats();
+    let spare = usize::try_from(stats.spare_chunks).unwrap();
+    assert_eq!((states(&harness, ChunkState::Decoded), states(&harness, ChunkState::Resident)), (spare, 0));
+    assert!(spare >= near && stats.counters.evicted == 0, "there is room: nothing goes");
+    harness.look_from(ALICE, Vec3::ZERO);
+    harness.settle();
+    assert_eq!(harness.requests.len(), asked, "who comes back finds it");
+}
+
+/// Goal: what nobody wants goes when room is needed, the longest unwanted and farthest first, and nothing else goes.
+#[test]
+fn spare_chunks_make_room_by_age_and_distance() {
+    let world = big_world(12);
+    let all: u64 = {
+        let mut harness =
+            Harness::new(world.clone(), generous(100), Faults::default()).with_camera(Vec3::ZERO);
+        harness.settle();
+        harness.engine.stats().decoded_bytes
+    };
+    let decoded_bytes_max = all / 6;
+    let config = EngineConfig { decoded_bytes_max, load_radius_m: 2.0, ..generous(100) };
+    let mut harness = Harness::new(world, config, Faults::default()).with_camera(Vec3::ZERO);
+    for step in 0..24 {
+        harness.look_from(ALICE, Vec3::X * step as f32 * 0.75);
+        harness.settle();
+        assert!(harness.engine.stats().decoded_bytes <= decoded_bytes_max);
+    }
+    let stats = harness.engine.stats();
+    assert!(stats.counters.evicted > 0 && stats.spare_chunks > 0, "{stats:?}");
+    // Behind the camera the nearest are the youngest: what is left of the spare ones lies nearer than what went.
+    let at = Vec3::X * 23.0 * 0.75;
+    let distance = |id: &ChunkId| harness.world.index.grid.chunk_bounds(id.coord).distance(at);
+    let gone = harness.requests.iter().filter(|&&id| {
+        harness.engine.chunk_states().any(|(other, state)| other == id && state == ChunkState::Absent)
+    });
+    let nearest_gone = gone.map(distance).fold(f32::INFINITY, f32::min);
+    let held = harness.engine.chunk_states().filter(|&(_, state)| state == ChunkState::Decoded);
+    let mean_held: f32 = {
+        let distances: Vec<f32> = held.map(|(id, _)| distance(&id)).collect();
+        distances.iter().sum::<f32>() / distances.len() as f32
+    };
+    assert!(nearest_gone > 2.0 && mean_held < 18.0, "{nearest_gone} m, {mean_held} m");
+}
+
+/// Goal: a burst of tiles is taken a few a tick, nobody's work is lost, and what is cancelled meanwhile is forgotten.
+#[test]
+fn tiles_that_came_wait_for_their_turn() {
+    let config = EngineConfig { accepted_bytes_per_tick_max: 1, tiles_in_flight_max: 64, ..generous(100) };
+    let mut harness = Harness::new(big_world(13), config, Faults::default()).with_camera(Vec3::ZERO);
+    harness.tick();
+    let asked = harness.requests.len();
+    assert!(asked > 10);
+    for taken in 1..=5 {
+        assert_eq!(harness.tick().done.tiles_decoded, 1);
+        assert_eq!(harness.engine.stats().chunks.requested as usize, asked - taken);
+    }
+    harness.events.push(Event::SessionClosed { session: ALICE });
+    harness.tick();
+    let stats = harness.engine.stats();
+    assert_eq!((stats.chunks.requested, stats.counters.ignored.total()), (0, 0), "{stats:?}");
 }
 
 /// Goal: memory holds, the nearest chunks win, and the engine comes to rest where not everything fits.

@@ -7,7 +7,9 @@
 use super::backend::Faults;
 use super::harness::factory;
 use super::world::{Dice, RandomWorld, WorldShape};
-use crate::{Command, Engine, EngineConfig, Event, Frame, SessionId, SolverConfig};
+use crate::{
+    Command, Crowding, Engine, EngineConfig, Event, Frame, Means, Promise, SessionId, SolverConfig,
+};
 use earthshine_world::{Camera, Chunk, ChunkId, Light, LightRig, Rgb, Sky, Vec3};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -49,6 +51,9 @@ impl Simulation {
             load_radius_m: dice.pick(&[3.0, 9.0, 40.0]),
             hysteresis: dice.pick(&[0.0, 0.1, 1.0]),
             look_ahead_s: dice.pick(&[0.0, 0.3]),
+            tile_look_ahead_s: dice.pick(&[0.0, 0.2, 2.0]),
+            accepted_bytes_per_tick_max: dice.pick(&[1, 3_000, 1 << 30]),
+            quarantine_s: dice.pick(&[0.2, 1000.0]),
             view_bias: dice.pick(&[0.0, 0.5, 4.0]),
             adds_per_tick_max: dice.pick(&[1, 5, 64]),
             removals_per_tick_max: dice.pick(&[1, 4, 64]),
@@ -69,7 +74,8 @@ impl Simulation {
             drift: dice.pick(&[0.0, 1e-3]),
             capacity_max: None,
         };
-        let engine = Engine::new(world.index.clone(), config, factory(faults)).unwrap();
+        let promise = promise_of(&world, &config);
+        let engine = Engine::new(world.index.clone(), config, factory(faults)).unwrap().with_promise(promise);
         Self {
             dice,
             world,
@@ -233,6 +239,16 @@ impl Simulation {
     }
 }
 
+/// What a shell would promise: it is held against every tick, whatever the faults.
+fn promise_of(world: &RandomWorld, config: &EngineConfig) -> Promise {
+    let mut crowding = Crowding::new(world.index.grid.voxel_edge_m);
+    let finest = world.chunks.values().filter(|chunk| chunk.id.level == 0);
+    let patches: Vec<Vec3> = finest.flat_map(|chunk| &chunk.patches).map(|patch| patch.centroid).collect();
+    crowding.look(&patches, &patches);
+    let means = Means { tick_rate_hz: 60.0, tile_bytes_per_s: 1e6 };
+    Promise::of(&world.index, config, &crowding, means)
+}
+
 fn live(seed: u64) -> (u64, crate::EngineStats) {
     let mut simulation = Simulation::new(seed);
     for _ in 0..TICKS {
@@ -271,6 +287,9 @@ fn every_life_keeps_the_invariants_and_repeats_to_the_bit() {
         total.tiles_cancelled += done.tiles_cancelled;
         total.backend_failures += done.backend_failures;
         total.resolves += done.resolves;
+        total.evicted += done.evicted;
+        total.promised_ticks += done.promised_ticks;
+        total.violations += done.violations;
     }
     assert_eq!(digests.len() as u64, SEEDS, "every seed is another life");
     // The simulation is worth nothing if what it is for does not happen.
@@ -281,6 +300,9 @@ fn every_life_keeps_the_invariants_and_repeats_to_the_bit() {
         total.tiles_cancelled,
         total.backend_failures,
         total.resolves,
+        total.evicted,
+        total.promised_ticks,
+        total.violations,
     ];
     assert!(rare.iter().all(|&count| count > 20), "{total:?}");
 }

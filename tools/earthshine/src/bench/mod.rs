@@ -9,6 +9,7 @@ mod bake;
 mod builders;
 mod estimators;
 mod far;
+mod flight;
 mod lit_world;
 mod matrix;
 mod moving_sphere;
@@ -35,7 +36,8 @@ use serde::Serialize;
   earthshine bench alias --rows 4096 --items 1000 --plot alias-error
   earthshine bench temporal --scene cornell --solver hybrid,alias --plot step
   earthshine bench temporal --world sponza --n 1736,5485,8786,10422 --json
-  earthshine bench far --scene sponza.glb --lights sponza.lights.json --voxel 1")]
+  earthshine bench far --scene sponza.glb --lights sponza.lights.json --voxel 1
+  earthshine bench flight --world town.world --speed 50 --json")]
 pub(crate) struct BenchArguments {
     #[command(subcommand)]
     suite: Suite,
@@ -68,6 +70,8 @@ enum Suite {
     Bake(bake::BakeBenchArguments),
     /// Far light by coarse levels against the whole world.
     Far(far::FarArguments),
+    /// A flight through a served world against what the server promises.
+    Flight(flight::FlightArguments),
 }
 
 /// What every suite prints beside its own figures.
@@ -136,5 +140,6 @@ pub(crate) fn run(arguments: &BenchArguments) -> anyhow::Result<()> {
         Suite::Estimators(suite) => estimators::run(suite, arguments.json),
         Suite::Bake(suite) => bake::run(suite, arguments.json),
         Suite::Far(suite) => far::run(suite, arguments.json),
+        Suite::Flight(suite) => flight::run(suite, arguments.json),
     }
 }

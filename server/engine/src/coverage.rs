@@ -1,0 +1,86 @@
+//! What a camera has no light for: patches near it that are not resident, level by level.
+//!
+//! It decides nothing. How far and how fast a camera is promised light is [`crate::promise`]'s business; here every tick
+//! is held against it.
+
+use crate::chunks::ChunkTable;
+use crate::engine::Engine;
+use crate::levels::LevelPlan;
+use crate::local_set::LocalSet;
+use crate::promise::Promise;
+use crate::stats::LEVELS;
+use earthshine_world::{PatchId, Vec3};
+
+/// Patches of one level within `radius_m` of `position` that hold no slot of `local`.
+///
+/// Of a chunk that is not in memory all patches count as near: where they lie is not known. What the backend refused is
+/// counted elsewhere.
+pub(crate) fn missing_near(
+    table: &ChunkTable,
+    plan: &LevelPlan,
+    local: Option<&LocalSet>,
+    position: Vec3,
+    radius_m: f32,
+) -> u32 {
+    let mut missing = 0u32;
+    for (id, entry, _) in table.near(plan, position, radius_m) {
+        let Some(tile) = &entry.tile else {
+            missing = missing.saturating_add(entry.patch_count);
+            continue;
+        };
+        let slots = local.and_then(|local| local.slots_of(id));
+        for (patch, at) in tile.chunk.patches.iter().zip(0u16..) {
+            let is_near = patch.centroid.distance_squared(position) <= radius_m * radius_m;
+            let is_held = || slots.is_some_and(|slots| slots.is_taken(usize::from(at)));
+            let is_refused =
+                || local.is_some_and(|local| local.was_refused(PatchId { chunk: id, local: at }));
+            missing += u32::from(is_near && !is_held() && !is_refused());
+        }
+    }
+    missing
+}
+
+impl Engine {
+    /// Holds every tick against `promise` from now on.
+    #[must_use]
+    pub fn with_promise(mut self, promise: Promise) -> Self {
+        self.promise = promise;
+        self
+    }
+
+    /// What every tick is held against.
+    #[must_use]
+    pub fn promise(&self) -> &Promise {
+        &self.promise
+    }
+
+    /// Counts what the cameras lack within the promised radius, which doubles with each level.
+    ///
+    /// After a jump there is time to recover; what is missing until then is told, and counted as a miss, and is no violation.
+    pub(crate) fn hold_promise(&mut self) {
+        for session in self.sessions.values_mut() {
+            let Some(outlook) = session.outlook else { continue };
+            let radius_m = self.promise.radius_at(session.motion.speed_m_s);
+            session.missing_near = 0;
+            if radius_m <= 0.0 {
+                continue;
+            }
+            let is_held = self.now_s >= session.motion.held_from_s;
+            self.counters.promised_ticks += u64::from(is_held);
+            for (view, plan) in session.views.iter().zip(self.chunks.levels()) {
+                let reach_m = radius_m * f32::from(1u16 << plan.level.min(15));
+                let local = view.local.as_ref();
+                let missing = missing_near(&self.chunks, plan, local, outlook.position, reach_m);
+                if missing == 0 {
+                    continue;
+                }
+                self.counters.misses_by_level[usize::from(plan.level).min(LEVELS - 1)] += 1;
+                if plan.level == 0 {
+                    session.missing_near = missing;
+                    session.violations += u64::from(is_held);
+                    self.counters.violations += u64::from(is_held);
+                }
+            }
+        }
+    }
+}
