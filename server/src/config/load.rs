@@ -140,6 +140,10 @@ impl Config {
             ("camera_rate_max_hz", self.camera_rate_max_hz, RATE_MAX_HZ),
             ("tick_rate_hz", self.tick_rate_hz, RATE_MAX_HZ),
         ];
+        if !(0.0..=TIMEOUT_MAX_S).contains(&self.world_poll_s) {
+            let value = format!("{} (0 to {TIMEOUT_MAX_S})", self.world_poll_s);
+            return Err(refuse("world_poll_s", value, "outside of what is allowed"));
+        }
         for (key, value, most) in times {
             // Written so that NaN is refused too.
             if !(value > 0.0 && value <= most) {
