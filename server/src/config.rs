@@ -122,6 +122,10 @@ pub struct Config {
     /// - Lower: faster restarts.
     pub drain_timeout_s: f64,
 
+    /// s between two looks at the world's manifest; 0 for none. A world that was baked again with the same parameters is
+    /// taken over under its sessions, which takes a second engine's memory for a moment; any other is refused.
+    pub world_poll_s: f64,
+
     /// Token that clients must send as `authorization: Bearer ...`; empty for none.
     pub bearer_token: Secret,
 
@@ -192,6 +196,7 @@ impl Default for Config {
             deltas_in_flight_max: 2,
             statistics_interval_s: 1.0,
             drain_timeout_s: 5.0,
+            world_poll_s: 2.0,
             bearer_token: Secret::default(),
             tls: None,
             engine: EngineConfig::default(),

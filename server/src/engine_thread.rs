@@ -8,7 +8,9 @@
 use crate::metrics::Metrics;
 use crate::observer::{TickLog, TickSample};
 use crate::publish::Answered;
+use crate::takeover::{Attending, Takeover};
 use crate::tile_loader::TileRequests;
+use crate::world_watch::NextWorld;
 use earthshine_engine::{Command, Engine, EngineStats, Event, Frame, SessionId};
 use earthshine_world::{Camera, ChunkId, LightRig};
 use std::collections::BTreeMap;
@@ -133,6 +135,8 @@ pub(crate) struct EngineThread {
     pub(crate) openings: mpsc::Receiver<Opening>,
     /// Decoded and failed tiles.
     pub(crate) tiles: Receiver<Event>,
+    /// New states of the world.
+    pub(crate) worlds: Receiver<NextWorld>,
     /// Where tiles are asked for.
     pub(crate) requests: Arc<TileRequests>,
     /// Where each tick is reported.
@@ -147,6 +151,9 @@ struct Client {
     mailbox: Arc<Mailbox>,
     frames: watch::Sender<FrameSlot>,
     camera: Option<Answered>,
+    /// The newest of each, for an engine that takes over.
+    outlook: Option<Camera>,
+    lights: Option<LightRig>,
 }
 
 struct Running {
@@ -155,6 +162,8 @@ struct Running {
     clients: BTreeMap<SessionId, Client>,
     /// Requests that the loader had no room for, to be answered as failed.
     turned_away: Vec<ChunkId>,
+    /// The engine of a new state of the world, until it is as good as the present one.
+    takeover: Option<Takeover>,
     events: Vec<Event>,
     commands: Vec<Command>,
 }
@@ -181,6 +190,7 @@ impl EngineThread {
             started: Instant::now(),
             clients: BTreeMap::new(),
             turned_away: Vec::new(),
+            takeover: None,
             events: Vec::new(),
             commands: Vec::new(),
         };
@@ -200,6 +210,11 @@ impl EngineThread {
                 due = now;
             }
         }
+        // The loader may be another than the one that the server knows.
+        running.shell.requests.stop();
+        if let Some(takeover) = running.takeover {
+            takeover.next.requests.stop();
+        }
     }
 }
 
@@ -215,10 +230,12 @@ impl Running {
         let began = Instant::now();
         let time_s = began.duration_since(self.started).as_secs_f64();
         self.collect_sessions();
+        self.hear_of_worlds();
         self.collect_tiles();
         let events = std::mem::take(&mut self.events);
         self.shell.engine.tick(time_s, events, &mut self.commands);
         self.hand_out();
+        self.take_over(time_s);
         let tick_s = began.elapsed().as_secs_f64();
         self.shell.metrics.tick_seconds.observe(tick_s);
         let stats = self.shell.engine.stats();
@@ -247,18 +264,58 @@ impl Running {
         });
         for Opening { session, mailbox, frames } in openings {
             self.events.push(Event::SessionOpened { session });
-            self.clients.insert(session, Client { mailbox, frames, camera: None });
+            self.clients.insert(session, Client { mailbox, frames, camera: None, outlook: None, lights: None });
         }
         for (&session, client) in &mut self.clients {
             let Wishes { camera, lights } = std::mem::take(&mut *client.mailbox.lock());
             if let Some(lights) = lights {
+                client.lights = Some(lights.clone());
                 self.events.push(Event::Lights { session, lights });
             }
             if let Some((sequence, camera)) = camera {
                 self.events.push(Event::Camera { session, camera });
+                client.outlook = Some(camera);
                 client.camera = Some(Answered { sequence, position: camera.position });
             }
         }
+    }
+
+    /// Starts a takeover where a new world is there, and passes on what has come where one is under way.
+    fn hear_of_worlds(&mut self) {
+        if let Some(takeover) = &mut self.takeover {
+            takeover.hear(&self.events);
+        } else if let Ok(next) = self.shell.worlds.try_recv() {
+            let sessions = self.clients.iter().map(|(&session, client)| Attending {
+                session,
+                camera: client.outlook,
+                lights: client.lights.clone(),
+            });
+            self.takeover = Some(Takeover::new(next, sessions));
+        }
+    }
+
+    /// Lets the next engine work, and puts it in the present one's place once it is as good.
+    fn take_over(&mut self, time_s: f64) {
+        let watching: Vec<SessionId> =
+            self.clients.iter().filter(|(_, client)| client.outlook.is_some()).map(|(&id, _)| id).collect();
+        let Some(mut takeover) = self.takeover.take() else { return };
+        if !takeover.tick(time_s, &watching) {
+            self.takeover = Some(takeover);
+            return;
+        }
+        self.shell.requests.stop();
+        let Takeover { next, frames, turned_away, .. } = takeover;
+        (self.shell.engine, self.shell.tiles, self.shell.requests) = (next.engine, next.tiles, next.requests);
+        self.turned_away = turned_away;
+        for (session, frame) in frames {
+            if let Some(client) = self.clients.get(&session)
+                && let Some(camera) = client.camera
+            {
+                client.frames.send_replace(Some(Published { frame, camera }));
+            }
+        }
+        self.shell.metrics.worlds_taken.inc();
+        tracing::info!(sessions = watching.len(), "a new state of the world is served");
     }
 
     fn collect_tiles(&mut self) {
@@ -339,11 +396,13 @@ mod tests {
         let metrics = Arc::new(Metrics::new());
         let (open, openings) = mpsc::channel(1);
         let (_answers, tiles) = std::sync::mpsc::sync_channel(1);
+        let (_next, worlds) = std::sync::mpsc::sync_channel(1);
         let thread = EngineThread {
             engine,
             period: Duration::from_millis(1),
             openings,
             tiles,
+            worlds,
             requests: Arc::new(TileRequests::new(1)),
             report: Arc::default(),
             ticks: Arc::default(),

@@ -42,8 +42,10 @@ mod server;
 mod session;
 pub mod shutdown;
 mod streams;
+mod takeover;
 mod tile_loader;
 mod tls;
+mod world_watch;
 
 pub use backends::CurrentDevice;
 pub use config::{BackendKind, Config, ConfigError, ServeArgs};

@@ -53,6 +53,10 @@ pub(crate) struct Metrics {
     pub(crate) tick_seconds: Histogram,
     /// Ticks that took longer than a period: the next one began late.
     pub(crate) ticks_late: Counter,
+    /// New states of the world that were taken over.
+    pub(crate) worlds_taken: Counter,
+    /// New manifests that were not.
+    pub(crate) worlds_refused: Counter,
 }
 
 impl Metrics {
@@ -79,6 +83,8 @@ impl Metrics {
             tile_seconds: Histogram::new(exponential_buckets(1e-4, 2.0, 16)),
             tick_seconds: Histogram::new(exponential_buckets(1e-4, 2.0, 16)),
             ticks_late: Counter::default(),
+            worlds_taken: Counter::default(),
+            worlds_refused: Counter::default(),
         };
         metrics.register();
         metrics
@@ -104,6 +110,8 @@ impl Metrics {
             ("tiles_failed", "Tiles that could not be had", &self.tiles_failed),
             ("tiles_cancelled", "Tiles read in vain", &self.tiles_cancelled),
             ("ticks_late", "Ticks that took longer than a period", &self.ticks_late),
+            ("worlds_taken", "New states of the world taken over", &self.worlds_taken),
+            ("worlds_refused", "New manifests that were refused", &self.worlds_refused),
         ];
         for (name, help, counter) in counters {
             self.registry.register(name, help, counter.clone());

@@ -16,8 +16,9 @@ use crate::session::Shared;
 use crate::shutdown::Deadline;
 use crate::tile_loader::TileLoader;
 use crate::tls;
+use crate::world_watch::WorldWatch;
 use earthshine_engine::{Engine, Promise};
-use earthshine_tiles::{DirStore, PatchBuilder, TileStore};
+use earthshine_tiles::{DirStore, Manifest, PatchBuilder, TileStore};
 use earthshine_world::WorldIndex;
 use std::io::ErrorKind;
 use std::net::SocketAddr;
@@ -43,6 +44,7 @@ pub struct Server {
     config: Config,
     world: String,
     index: WorldIndex,
+    manifest: Manifest,
     store: Arc<dyn TileStore>,
     engine: Engine,
     device: CurrentDevice,
@@ -99,6 +101,7 @@ impl Server {
             config,
             world,
             index,
+            manifest: store.manifest().clone(),
             store: Arc::new(store),
             engine,
             device,
@@ -193,11 +196,19 @@ impl Server {
         let requests_max = config.engine.tiles_in_flight_max;
         let loader = TileLoader::start(&self.store, config.loader_threads, requests_max, &answers, &metrics)
             .map_err(|cause| ServerError::System { what: "a loader thread", cause })?;
+        let (next, worlds) = std::sync::mpsc::sync_channel(1);
+        let watch = WorldWatch {
+            config: config.clone(),
+            known: self.manifest,
+            next,
+            metrics: Arc::clone(&metrics),
+        };
         let thread = EngineThread {
             engine: self.engine,
             period: seconds(1.0 / config.tick_rate_hz),
             openings: opened,
             tiles,
+            worlds,
             requests: Arc::clone(&loader.requests),
             report: Arc::clone(&report),
             ticks: self.ticks,
@@ -210,6 +221,7 @@ impl Server {
 
         let draining = Arc::new(AtomicBool::new(false));
         let [sessions_stop, transport_stop, admin_stop] = std::array::from_fn(|_| CancellationToken::new());
+        drop(tokio::spawn(watch.run(sessions_stop.clone())));
         let admin = Admin {
             metrics: Arc::clone(&metrics),
             report: Arc::clone(&report),

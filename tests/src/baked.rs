@@ -13,6 +13,7 @@ pub struct BakedWorld {
     path: PathBuf,
     /// What the bake said.
     pub summary: BakeSummary,
+    options: BakeOptions,
     _folder: TempDir,
 }
 
@@ -79,9 +80,18 @@ impl BakedWorld {
             memory: MemoryLimit::default(),
             discard_work: false,
         };
-        let summary = bake(scene, &path, &options, &Silent)
-            .unwrap_or_else(|error| panic!("{name} does not bake: {error}"));
-        Self { path, summary, _folder: folder }
+        let summary = baked(scene, &path, &options);
+        Self { path, summary, options, _folder: folder }
+    }
+
+    /// Bakes another scene, or other parameters, into the same folder.
+    ///
+    /// # Panics
+    /// If the bake fails.
+    pub fn bake_again(&mut self, scene: &Scene, parameters: BakeParameters) {
+        let overwrite = parameters != self.options.parameters;
+        self.options = BakeOptions { parameters, overwrite, ..self.options.clone() };
+        self.summary = baked(scene, &self.path, &self.options);
     }
 
     /// Its folder.
@@ -98,4 +108,9 @@ impl BakedWorld {
     pub fn patch_count(&self) -> u32 {
         u32::try_from(self.summary.patches).expect("a small world")
     }
+}
+
+fn baked(scene: &Scene, path: &Path, options: &BakeOptions) -> BakeSummary {
+    let name = &options.scene_name;
+    bake(scene, path, options, &Silent).unwrap_or_else(|error| panic!("{name} does not bake: {error}"))
 }

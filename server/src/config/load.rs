@@ -143,6 +143,10 @@ impl Config {
             ("tick_rate_hz", self.tick_rate_hz, RATE_MAX_HZ),
             ("tile_rate_mb_s", self.tile_rate_mb_s, TILE_RATE_MAX_MB_S),
         ];
+        if !(0.0..=TIMEOUT_MAX_S).contains(&self.world_poll_s) {
+            let value = format!("{} (0 to {TIMEOUT_MAX_S})", self.world_poll_s);
+            return Err(refuse("world_poll_s", value, "outside of what is allowed"));
+        }
         for (key, value, most) in times {
             // Written so that NaN is refused too.
             if !(value > 0.0 && value <= most) {

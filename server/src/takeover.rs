@@ -1,0 +1,100 @@
+//! An engine for the new state of a world comes up beside the running one and takes its place when it is as good.
+//!
+//! Both hear the same sessions, cameras and lights. Clients see the old one's frames until the new one has what every
+//! camera wants, and the new one's from then on: no frame is missing, none mixes two states of the world, and the
+//! light afterwards is that of a server that was started afresh. The price is two engines' memory and work meanwhile.
+//! An engine takes over after [`PATIENCE`] in any case: a camera that never rests must not keep a world for ever.
+
+use crate::world_watch::NextWorld;
+use earthshine_engine::{Command, Event, Frame, SessionId};
+use earthshine_world::{Camera, ChunkId, LightRig};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// After so long an engine takes over with whatever light it has.
+const PATIENCE: Duration = Duration::from_secs(60);
+/// Tiles taken in one tick.
+const TILES_PER_TICK_MAX: usize = 64;
+
+/// A session as a new engine has to know it.
+pub(crate) struct Attending {
+    pub(crate) session: SessionId,
+    pub(crate) camera: Option<Camera>,
+    pub(crate) lights: Option<LightRig>,
+}
+
+/// An engine on its way in.
+pub(crate) struct Takeover {
+    pub(crate) next: NextWorld,
+    began: Instant,
+    /// The newest of each session.
+    pub(crate) frames: BTreeMap<SessionId, Arc<Frame>>,
+    /// Requests that its loader had no room for.
+    pub(crate) turned_away: Vec<ChunkId>,
+    /// What it has not been told.
+    pending: Vec<Event>,
+    commands: Vec<Command>,
+}
+
+impl Takeover {
+    /// Introduces the sessions that there are.
+    pub(crate) fn new(next: NextWorld, sessions: impl Iterator<Item = Attending>) -> Self {
+        let mut pending = Vec::new();
+        for Attending { session, camera, lights } in sessions {
+            pending.push(Event::SessionOpened { session });
+            pending.extend(lights.map(|lights| Event::Lights { session, lights }));
+            pending.extend(camera.map(|camera| Event::Camera { session, camera }));
+        }
+        Self {
+            next,
+            began: Instant::now(),
+            frames: BTreeMap::new(),
+            turned_away: Vec::new(),
+            pending,
+            commands: Vec::new(),
+        }
+    }
+
+    /// Passes on what the running engine hears.
+    pub(crate) fn hear(&mut self, events: &[Event]) {
+        self.pending.extend_from_slice(events);
+    }
+
+    /// One tick; whether it is as good as the running one for the sessions in `watching`, those with a camera.
+    pub(crate) fn tick(&mut self, time_s: f64, watching: &[SessionId]) -> bool {
+        let mut events = std::mem::take(&mut self.pending);
+        for chunk in self.turned_away.drain(..) {
+            events.push(Event::TileFailed { chunk, cause: "the loader's queue is full".to_owned() });
+        }
+        events.extend(self.next.tiles.try_iter().take(TILES_PER_TICK_MAX));
+        self.next.engine.tick(time_s, events, &mut self.commands);
+        for command in self.commands.drain(..) {
+            match command {
+                Command::LoadTile { chunk } => {
+                    if !self.next.requests.request(chunk) {
+                        self.turned_away.push(chunk);
+                    }
+                }
+                Command::CancelTile { chunk } => {
+                    self.turned_away.retain(|&waiting| waiting != chunk);
+                    self.next.requests.cancel(chunk);
+                }
+                Command::PublishFrame { frame } => drop(self.frames.insert(frame.session, frame)),
+            }
+        }
+        let is_patient = self.began.elapsed() < PATIENCE;
+        watching.iter().all(|session| {
+            self.frames.get(session).is_some_and(|frame| !is_patient || is_good(frame))
+        })
+    }
+}
+
+/// Whether a frame has what its camera wants: all of it, or for a camera on the move nearly all.
+fn is_good(frame: &Frame) -> bool {
+    let quality = frame.quality;
+    let is_nearly = quality.wanted_patches > 0
+        && u64::from(quality.resident_patches) * 20 >= u64::from(quality.wanted_patches) * 19
+        && quality.stale_direct == 0;
+    quality.settled || is_nearly
+}
