@@ -117,6 +117,16 @@ gpu_structs! {
         exchange_m2: f32,
     }
 
+    /// One row, or one section of a long row, whose table is to be built.
+    TableSpan {
+        /// Where its weights begin.
+        first_weight: u32,
+        /// Where its bins begin.
+        first_bin: u32,
+        /// At most 4,096.
+        item_count: u32,
+    }
+
     /// Of a stripe's 64 slots, which carry light and whose light is wanted.
     StripeMarks {
         /// A bit each.

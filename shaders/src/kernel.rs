@@ -135,6 +135,20 @@ kernel!(
     [read("tile_sums"), read("marks"), read("residents"), read("outside"), written("irradiance")]
 );
 
+kernel!(
+    /// Alias tables, one workgroup a row or section.
+    BUILD_ALIAS = "build_alias",
+    ["table_span"],
+    [
+        read("spans"),
+        read("weights"),
+        written("masses"),
+        written("partition"),
+        written("bins"),
+        written("totals")
+    ]
+);
+
 /// Every kernel.
 pub const KERNELS: &[Kernel] = &[
     SCATTER_EXCHANGE,
@@ -149,4 +163,5 @@ pub const KERNELS: &[Kernel] = &[
     EMIT_EXITANCE,
     MULTIPLY_TILES,
     SUM_TILES,
+    BUILD_ALIAS,
 ];

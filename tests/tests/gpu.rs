@@ -3,8 +3,11 @@
 
 use earthshine_client::{ClientOptions, Lights, Vec3};
 use earthshine_gen::fixtures;
+use earthshine_gpu::alias::AliasBuilder;
 use earthshine_gpu::{GpuBackend, GpuDevice};
 use earthshine_radiosity::Backend;
+use earthshine_radiosity::tables::edge_rows::edge_rows;
+use earthshine_radiosity::tables::{AliasTable, BuildRoom, RowTable};
 use earthshine_radiosity::{BackendError, Slot, Update};
 use earthshine_server::BackendKind;
 use earthshine_tests::adapter::{device_or_skip, device_within};
@@ -116,4 +119,34 @@ async fn a_service_outlives_its_device() {
     assert_is(&solved, &whole, &after);
     client.close().await;
     served.stop().await.expect("a clean end");
+}
+
+/// Goal: a device's alias tables are the CPU's. Method: the edge rows, the one with sections among them, and lengths
+/// around a workgroup's; every word is compared.
+#[test]
+fn alias_tables_of_a_device_are_those_of_the_cpu() {
+    let Some(device) = device_or_skip() else { return };
+    let mut rows: Vec<Vec<f32>> = edge_rows().into_iter().map(|row| row.weights).collect();
+    for length in [63usize, 64, 65, 255, 256, 257, 4096, 4097] {
+        rows.push((0..length).map(|item| 1.0 / (1.0 + ((item * 7919) % length) as f32)).collect());
+    }
+    let lengths: Vec<usize> = rows.iter().map(Vec::len).collect();
+    let mut builder = AliasBuilder::new(&device, &lengths).expect("small tables");
+    builder.set_weights(&rows.concat()).expect("finite weights");
+    builder.build().expect("a device that works");
+    let words = builder.read().expect("a device that works");
+    let (mut table, mut room) = (AliasTable::default(), BuildRoom::default());
+    for (row, words) in rows.iter().zip(&words) {
+        table.rebuild(row, &mut room).expect("finite weights");
+        let expected: Vec<u32> = table.bins().iter().map(|bin| bin.0).collect();
+        let first = expected.iter().zip(words).position(|(a, b)| a != b);
+        assert!(*words == expected, "{} items: word {first:?} differs", row.len());
+    }
+    // The same again, to the bit; and nothing of a broken row is uploaded.
+    builder.build().expect("a device that works");
+    assert_eq!(builder.read().expect("a device that works"), words);
+    let mut broken = rows.concat();
+    broken[3] = f32::NAN;
+    assert!(matches!(builder.set_weights(&broken), Err(BackendError::NotFinite(Slot(3)))));
+    assert!(matches!(builder.set_weights(&broken[1..]), Err(BackendError::Length { .. })));
 }

@@ -135,7 +135,7 @@ fn rank(kind: DeviceType) -> u8 {
 pub(crate) fn required_limits(of: &Limits) -> Limits {
     Limits {
         max_compute_workgroup_storage_size: WORKGROUP_BYTES,
-        max_storage_buffers_per_shader_stage: 5,
+        max_storage_buffers_per_shader_stage: 8,
         max_storage_buffer_binding_size: of.max_storage_buffer_binding_size,
         max_buffer_size: of.max_buffer_size,
         ..Limits::downlevel_defaults()

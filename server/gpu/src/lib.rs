@@ -21,6 +21,7 @@
 //! Start at [`adapter`], then [`GpuBackend`]; `matrix` holds the passes, `recorder` how one is run.
 
 pub mod adapter;
+pub mod alias;
 mod backend;
 mod device;
 mod matrix;
