@@ -143,7 +143,7 @@ kernel!(
         read("spans"),
         read("weights"),
         written("masses"),
-        written("partition"),
+        written("parts"),
         written("bins"),
         written("totals")
     ]

@@ -22,7 +22,7 @@ pub struct AliasBuilder {
     tops: Spans,
     weights: Buffer,
     masses: Buffer,
-    partition: Buffer,
+    parts: Buffer,
     bins: Buffer,
     totals: Buffer,
     top_totals: Buffer,
@@ -76,7 +76,7 @@ impl AliasBuilder {
             device: device.clone(),
             weights: buffer("weights", u64::from(weight))?,
             masses: buffer("masses", u64::from(bin))?,
-            partition: buffer("partition", 2 * u64::from(bin))?,
+            parts: buffer("parts", 2 * u64::from(bin))?,
             bins: buffer("bins", u64::from(bin))?,
             totals: buffer("totals", sections.len() as u64)?,
             top_totals: buffer("totals of rows", tops.len() as u64)?,
@@ -141,9 +141,10 @@ impl AliasBuilder {
     /// [`BackendError::DeviceLost`].
     pub fn build(&mut self) -> Result<(), BackendError> {
         let mut recorder = Recorder::new(&self.device, &self.uniforms, self.timing.as_mut());
-        let stages = [(&self.sections, &self.weights, &self.totals), (&self.tops, &self.totals, &self.top_totals)];
+        let stages =
+            [(&self.sections, &self.weights, &self.totals), (&self.tops, &self.totals, &self.top_totals)];
         for (spans, weights, totals) in stages.into_iter().filter(|(spans, ..)| spans.count > 0) {
-            let bound = [&spans.buffer, weights, &self.masses, &self.partition, &self.bins, totals];
+            let bound = [&spans.buffer, weights, &self.masses, &self.parts, &self.bins, totals];
             let pass = Pass { entry_count: spans.count, ..Pass::default() };
             recorder.dispatch(&BUILD_ALIAS, &bound, pass, folded(spans.count));
         }

@@ -11,7 +11,7 @@ const TOTAL_MIN: f32 = 1e-30;
 @group(0) @binding(1) var<storage, read> spans: array<TableSpan>;
 @group(0) @binding(2) var<storage, read> weights: array<f32>;
 @group(0) @binding(3) var<storage, read_write> masses: array<u32>;
-@group(0) @binding(4) var<storage, read_write> partition: array<vec2<u32>>;
+@group(0) @binding(4) var<storage, read_write> parts: array<vec2<u32>>;
 @group(0) @binding(5) var<storage, read_write> bins: array<u32>;
 @group(0) @binding(6) var<storage, read_write> totals: array<f32>;
 
@@ -93,7 +93,7 @@ fn write_masses(span: TableSpan, total: f32, lane: u32) {
     storageBarrier();
 }
 
-// Lists light items from the front and heavy ones from the back of `partition`, each with what it and those before it
+// Lists light items from the front and heavy ones from the back of `parts`, each with what it and those before it
 // lack of a bin, or have to spare; returns how many are light.
 fn write_partition(span: TableSpan, lane: u32) -> u32 {
     let first = span.item_count * lane / LANES;
@@ -110,11 +110,11 @@ fn write_partition(span: TableSpan, lane: u32) -> u32 {
         let mass = masses[span.first_bin + item];
         if mass < UNITS {
             at.z += UNITS - mass;
-            partition[span.first_bin + at.x] = vec2<u32>(item, at.z);
+            parts[span.first_bin + at.x] = vec2<u32>(item, at.z);
             at.x += 1u;
         } else {
             at.w += mass - UNITS;
-            partition[span.first_bin + light_count + at.y] = vec2<u32>(item, at.w);
+            parts[span.first_bin + light_count + at.y] = vec2<u32>(item, at.w);
             at.y += 1u;
         }
     }
@@ -134,7 +134,7 @@ fn deficit_before(span: TableSpan, i: u32) -> u32 {
     if i == 0u {
         return 0u;
     }
-    return partition[span.first_bin + i - 1u].y;
+    return parts[span.first_bin + i - 1u].y;
 }
 
 // How many of the first `placed` bins are light: bisection along the diagonal.
@@ -144,7 +144,7 @@ fn split(span: TableSpan, light_count: u32, placed: u32) -> u32 {
     var high = min(placed, light_count);
     while low < high {
         let i = (low + high) / 2u;
-        if deficit_before(span, i) < partition[span.first_bin + light_count + placed - 1u - i].y {
+        if deficit_before(span, i) < parts[span.first_bin + light_count + placed - 1u - i].y {
             low = i + 1u;
         } else {
             high = i;
@@ -177,17 +177,17 @@ fn build_alias(
     for (var step = first; step < end; step++) {
         var surplus = vec2<u32>(0u);
         if j < heavy_count {
-            surplus = partition[span.first_bin + light_count + j];
+            surplus = parts[span.first_bin + light_count + j];
         }
         let deficit = deficit_before(span, i);
         if i < light_count && j < heavy_count && deficit < surplus.y {
-            let place = partition[span.first_bin + i].x;
+            let place = parts[span.first_bin + i].x;
             bins[span.first_bin + place] = bin_of(place, masses[span.first_bin + place], surplus.x);
             i += 1u;
         } else {
             var next = surplus.x;
             if j + 1u < heavy_count {
-                next = partition[span.first_bin + light_count + j + 1u].x;
+                next = parts[span.first_bin + light_count + j + 1u].x;
             }
             bins[span.first_bin + surplus.x] = bin_of(surplus.x, UNITS + surplus.y - deficit, next);
             j += 1u;
