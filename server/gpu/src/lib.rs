@@ -6,8 +6,8 @@
 //! ```text
 //! adapter ──open──▶ GpuDevice (queue, pipelines) ──▶ GpuBackend ... one for each level of each session
 //!
-//! apply:  scatter rows ▶ gather G x rows ▶ combine ▶ return_light ──12 KiB──▶ host: 32 x 32 in f64
-//!         times_small ▶ rank_update (three planes) ▶ write_columns (four planes) ◀──36 KiB──┘
+//! apply:  scatter rows ▶ gather G x rows ▶ combine ▶ return_light ──204 KiB──▶ host: 32 x 32 in f64
+//!         times_small ▶ rank_update (three planes) ▶ write_columns (four planes) ◀──36 KiB───┘
 //! step:   emit_exitance ▶ multiply_tiles (three planes) ▶ sum_tiles ──12 M bytes──▶ host, mapped when it is asked for
 //! ```
 //!
@@ -18,12 +18,16 @@
 //! No kernel uses float atomics and every sum has one order: the same calls give the same bits on the same device and
 //! driver. Other devices round differently.
 //!
-//! Start at [`adapter`], then [`GpuBackend`]; `matrix` holds the passes, `recorder` how one is run.
+//! Start at [`adapter`], then [`GpuBackend`]; `matrix` holds the passes, `recorder` how one is run. [`alias`] builds tables to
+//! draw from rows; nothing draws on a device yet. [`copy_bench`] is what kernels are measured against.
 
 pub mod adapter;
 pub mod alias;
 mod backend;
+pub mod copy_bench;
 mod device;
+#[cfg(test)]
+mod kernel_tests;
 mod matrix;
 pub mod memory;
 mod pipeline;
