@@ -264,7 +264,8 @@ impl Running {
         });
         for Opening { session, mailbox, frames } in openings {
             self.events.push(Event::SessionOpened { session });
-            self.clients.insert(session, Client { mailbox, frames, camera: None, outlook: None, lights: None });
+            self.clients
+                .insert(session, Client { mailbox, frames, camera: None, outlook: None, lights: None });
         }
         for (&session, client) in &mut self.clients {
             let Wishes { camera, lights } = std::mem::take(&mut *client.mailbox.lock());

@@ -197,12 +197,8 @@ impl Server {
         let loader = TileLoader::start(&self.store, config.loader_threads, requests_max, &answers, &metrics)
             .map_err(|cause| ServerError::System { what: "a loader thread", cause })?;
         let (next, worlds) = std::sync::mpsc::sync_channel(1);
-        let watch = WorldWatch {
-            config: config.clone(),
-            known: self.manifest,
-            next,
-            metrics: Arc::clone(&metrics),
-        };
+        let watch =
+            WorldWatch { config: config.clone(), known: self.manifest, next, metrics: Arc::clone(&metrics) };
         let thread = EngineThread {
             engine: self.engine,
             period: seconds(1.0 / config.tick_rate_hz),

@@ -84,9 +84,9 @@ impl Takeover {
             }
         }
         let is_patient = self.began.elapsed() < PATIENCE;
-        watching.iter().all(|session| {
-            self.frames.get(session).is_some_and(|frame| !is_patient || is_good(frame))
-        })
+        watching
+            .iter()
+            .all(|session| self.frames.get(session).is_some_and(|frame| !is_patient || is_good(frame)))
     }
 }
 

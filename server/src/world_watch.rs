@@ -33,7 +33,9 @@ pub(crate) struct NextWorld {
 enum Refusal {
     #[error(transparent)]
     World(#[from] TileError),
-    #[error("it was baked with other parameters: its clients would need new volumes; restart the server to serve it")]
+    #[error(
+        "it was baked with other parameters: its clients would need new volumes; restart the server to serve it"
+    )]
     OtherParameters,
     #[error(transparent)]
     Index(#[from] EngineError),
@@ -69,7 +71,7 @@ impl WorldWatch {
                 () = stop.cancelled() => return,
                 _ = ticker.tick() => {}
             }
-            let now = stamp(&path).await;
+            let now = stamp(&path);
             if now.is_none() || now == seen {
                 continue;
             }
@@ -123,14 +125,13 @@ impl WorldWatch {
         let store: Arc<dyn TileStore> = Arc::new(store);
         let requests_max = config.engine.tiles_in_flight_max;
         // Its threads end when its requests are stopped.
-        let loader =
-            TileLoader::start(&store, config.loader_threads, requests_max, &answers, &self.metrics)?;
+        let loader = TileLoader::start(&store, config.loader_threads, requests_max, &answers, &self.metrics)?;
         Ok(Some((manifest, NextWorld { engine, tiles, requests: loader.requests })))
     }
 }
 
 /// Changes whenever the manifest is replaced.
-async fn stamp(path: &Path) -> Option<(SystemTime, u64)> {
-    let file = tokio::fs::metadata(path).await.ok()?;
+fn stamp(path: &Path) -> Option<(SystemTime, u64)> {
+    let file = std::fs::metadata(path).ok()?;
     Some((file.modified().ok()?, file.len()))
 }

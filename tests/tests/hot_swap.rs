@@ -16,7 +16,8 @@ const INSIDE: Vec3 = Vec3::new(-2.5, 1.5, 0.0);
 /// Two rooms with a board across the first, at the height `y`.
 fn rooms(y: f32) -> Scene {
     let mut scene = imported(&fixtures::two_rooms_glb());
-    let [a, b, c, d] = [(-3.4, -0.6), (-3.4, 0.9), (-1.8, 0.9), (-1.8, -0.6)].map(|(x, z)| Vec3::new(x, y, z));
+    let [a, b, c, d] =
+        [(-3.4, -0.6), (-3.4, 0.9), (-1.8, 0.9), (-1.8, -0.6)].map(|(x, z)| Vec3::new(x, y, z));
     for corners in [[a, b, c], [a, c, d]] {
         scene.triangles.push(corners);
         scene.texture_coordinates.push([[0.0; 2]; 3]);

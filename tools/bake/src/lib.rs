@@ -1,21 +1,23 @@
 //! Scene to world: sample points, patches, form-factor rows, tiles.
 //!
-//! The stages, in order, each a module:
+//! The stages, in order, each gone through chunk by chunk:
 //!
 //! 1. [`sample`]: triangles are cut at voxel faces ([`clip`]) and covered with points, each side its own
-//!    (or [`hammersley`]: points on voxel faces traced inwards);
-//! 2. [`exposure`]: points inside of something are dropped, points in crevices marked;
-//! 3. [`patches`]: what faces one direction in one voxel becomes a patch (or what [`clusters`] says);
-//! 4. [`rows`]: cosine-weighted rays from each patch; what they hit is its row (or [`point_rows`]: sums over points);
-//! 5. [`reciprocity`]: both estimates of each pair become one, and rows sum to one again;
-//! 6. [`receivers`]: rows in the empty air near patches;
-//! 7. [`emit`]: chunks become tiles;
-//! 8. [`pyramid`]: coarse levels are merged from finer tiles; the manifest is written last.
+//!    (or [`hammersley`]: points on voxel faces traced inwards); [`exposure`]: points inside of something are dropped,
+//!    points in crevices marked; [`patches`]: what faces one direction in one voxel becomes a patch (or what
+//!    [`clusters`] says). [`surfaces`] does all three for one chunk;
+//! 2. [`rows`]: cosine-weighted rays from each patch; what they hit is its row (or [`point_rows`]: sums over points);
+//! 3. [`receivers`]: rows in the empty air near patches;
+//! 4. [`reciprocity`]: both estimates of each pair become one, and rows sum to one again;
+//! 5. `emit`: chunks become tiles;
+//! 6. [`pyramid`]: coarse levels are merged from finer tiles; the manifest is written last.
 //!
 //! [`builder`] chooses among samples and patches, [`estimator`] among rows; `BUILDERS.md` compares them.
 //!
-//! The bytes depend on the scene, the parameters and the seed alone: not on threads, nor on whether the bake
-//! was interrupted ([`checkpoint`]). Start at [`bake`].
+//! The bytes depend on the scene, the parameters and the seed alone: not on threads, nor on how many processes
+//! ([`shard`]) in how many runs made them, nor on what the world was before an edit. What a stage comes to for a chunk is
+//! kept in the [`work_folder`] with what its rays crossed ([`cells`]), and is used again while that is as it was; [`stale`]
+//! says what was not. How much memory it all takes is said first ([`memory`]). Start at [`bake`].
 
 pub mod adaptive;
 mod balance;

@@ -7,7 +7,7 @@
 //! above one; what is missing is booked as absorbed and shows in the summary.
 //!
 //! Scaling goes a fixed number of rounds and ends on steps of a thousandth, so that what changes in one place of a
-//! world stops mattering a few exchanges away. Here are the rules for one row; [`crate::balance`] applies them to all.
+//! world stops mattering a few exchanges away. Here are the rules for one row; `balance` applies them to all.
 
 use crate::rows::RawRow;
 
