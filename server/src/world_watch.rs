@@ -33,9 +33,7 @@ pub(crate) struct NextWorld {
 enum Refusal {
     #[error(transparent)]
     World(#[from] TileError),
-    #[error(
-        "it was baked with other parameters: its clients would need new volumes; restart the server to serve it"
-    )]
+    #[error("it was baked with other parameters: its clients would need new volumes; restart the server to serve it")]
     OtherParameters,
     #[error(transparent)]
     Index(#[from] EngineError),
@@ -71,7 +69,7 @@ impl WorldWatch {
                 () = stop.cancelled() => return,
                 _ = ticker.tick() => {}
             }
-            let now = stamp(&path);
+            let now = stamp(&path).await;
             if now.is_none() || now == seen {
                 continue;
             }
@@ -125,13 +123,14 @@ impl WorldWatch {
         let store: Arc<dyn TileStore> = Arc::new(store);
         let requests_max = config.engine.tiles_in_flight_max;
         // Its threads end when its requests are stopped.
-        let loader = TileLoader::start(&store, config.loader_threads, requests_max, &answers, &self.metrics)?;
+        let loader =
+            TileLoader::start(&store, config.loader_threads, requests_max, &answers, &self.metrics)?;
         Ok(Some((manifest, NextWorld { engine, tiles, requests: loader.requests })))
     }
 }
 
 /// Changes whenever the manifest is replaced.
-fn stamp(path: &Path) -> Option<(SystemTime, u64)> {
-    let file = std::fs::metadata(path).ok()?;
+async fn stamp(path: &Path) -> Option<(SystemTime, u64)> {
+    let file = tokio::fs::metadata(path).await.ok()?;
     Some((file.modified().ok()?, file.len()))
 }
