@@ -1,6 +1,5 @@
 //! `earthshine bake`: a glTF scene becomes a world folder.
 
-use crate::machine;
 use crate::output::out;
 use crate::progress_bars::BakeBars;
 use crate::quality::QualityArguments;
@@ -68,14 +67,6 @@ pub(crate) struct BakeArguments {
     quiet: bool,
 }
 
-/// What `--json` prints.
-#[derive(serde::Serialize)]
-struct Printed<'a> {
-    #[serde(flatten)]
-    summary: &'a BakeSummary,
-    peak_rss_bytes: Option<u64>,
-}
-
 /// Runs the subcommand.
 pub(crate) fn run(arguments: &BakeArguments) -> anyhow::Result<()> {
     let quiet = arguments.quiet || arguments.json;
@@ -98,8 +89,7 @@ pub(crate) fn run(arguments: &BakeArguments) -> anyhow::Result<()> {
     let summary = earthshine_bake::bake(&source.scene, &arguments.world, &options, &bars)?;
     bars.finish();
     if arguments.json {
-        let peak_rss_bytes = machine::peak_rss_bytes();
-        out!("{}", serde_json::to_string(&Printed { summary: &summary, peak_rss_bytes })?);
+        out!("{}", serde_json::to_string(&summary)?);
     } else {
         print_summary(&summary, &arguments.world);
         if arguments.explain {
