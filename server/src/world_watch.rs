@@ -33,7 +33,9 @@ pub(crate) struct NextWorld {
 enum Refusal {
     #[error(transparent)]
     World(#[from] TileError),
-    #[error("it was baked with other parameters: its clients would need new volumes; restart the server to serve it")]
+    #[error(
+        "it was baked with other parameters: its clients would need new volumes; restart the server to serve it"
+    )]
     OtherParameters,
     #[error(transparent)]
     Index(#[from] EngineError),
@@ -123,8 +125,7 @@ impl WorldWatch {
         let store: Arc<dyn TileStore> = Arc::new(store);
         let requests_max = config.engine.tiles_in_flight_max;
         // Its threads end when its requests are stopped.
-        let loader =
-            TileLoader::start(&store, config.loader_threads, requests_max, &answers, &self.metrics)?;
+        let loader = TileLoader::start(&store, config.loader_threads, requests_max, &answers, &self.metrics)?;
         Ok(Some((manifest, NextWorld { engine, tiles, requests: loader.requests })))
     }
 }

@@ -7,9 +7,7 @@
 use super::backend::Faults;
 use super::harness::factory;
 use super::world::{Dice, RandomWorld, WorldShape};
-use crate::{
-    Command, Crowding, Engine, EngineConfig, Event, Frame, Means, Promise, SessionId, SolverConfig,
-};
+use crate::{Command, Crowding, Engine, EngineConfig, Event, Frame, Means, Promise, SessionId, SolverConfig};
 use earthshine_world::{Camera, Chunk, ChunkId, Light, LightRig, Rgb, Sky, Vec3};
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -10,6 +10,7 @@ mod builders;
 mod estimators;
 mod far;
 mod flight;
+mod gpu;
 mod lit_world;
 mod matrix;
 mod moving_sphere;
@@ -33,6 +34,7 @@ use serde::Serialize;
   earthshine bench estimators --scene town --targets 0.04,0.02 --markdown
   earthshine bench sphere --scene sponza.glb --lights sponza.lights.json --way '-8,1.5,0; 6,3,0.5'
   earthshine bench matrix --swaps 10000 --json
+  earthshine bench gpu --m 4096 --json
   earthshine bench alias --rows 4096 --items 1000 --plot alias-error
   earthshine bench temporal --scene cornell --solver hybrid,alias --plot step
   earthshine bench temporal --world sponza --n 1736,5485,8786,10422 --json
@@ -72,6 +74,8 @@ enum Suite {
     Far(far::FarArguments),
     /// A flight through a served world against what the server promises.
     Flight(flight::FlightArguments),
+    /// Kernels on a graphics adapter against a copy in its memory.
+    Gpu(gpu::GpuBenchArguments),
 }
 
 /// What every suite prints beside its own figures.
@@ -141,5 +145,6 @@ pub(crate) fn run(arguments: &BenchArguments) -> anyhow::Result<()> {
         Suite::Bake(suite) => bake::run(suite, arguments.json),
         Suite::Far(suite) => far::run(suite, arguments.json),
         Suite::Flight(suite) => flight::run(suite, arguments.json),
+        Suite::Gpu(suite) => gpu::run(suite, arguments.json),
     }
 }

@@ -1,0 +1,295 @@
+//! `bench gpu`: what kernels cost on a graphics adapter, beside a copy in its memory and light by the CPU backend.
+//!
+//! Needs no files: a closed room of `--m` patches, each seeing five sixths of the others, the worst case for updates. Times
+//! are of the device where it has timestamps (`passes`), of the clock with the wait for the device otherwise; the
+//! quickest of some rounds counts.
+
+use super::Report;
+use anyhow::Context as _;
+use clap::Args;
+use earthshine_gpu::alias::AliasBuilder;
+use earthshine_gpu::copy_bench::CopyBench;
+use earthshine_gpu::{AdapterChoice, GpuBackend, GpuDevice, PassTime, memory};
+use earthshine_radiosity::bench::Streamed;
+use earthshine_radiosity::closed_box::ClosedBox;
+use earthshine_radiosity::{Backend, CpuBackend, Slot, Update};
+use earthshine_world::Rgb;
+use earthshine_world::random::{Purpose, hash, unit_f32};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+/// Arguments of `bench gpu`.
+#[derive(Args)]
+pub(crate) struct GpuBenchArguments {
+    /// Part of the adapter's name; empty for the best there is. A software adapter has to be named.
+    #[arg(long, default_value = "")]
+    adapter: String,
+    /// Patches of the matrix.
+    #[arg(long, default_value_t = 1024)]
+    m: u32,
+    /// Rows whose alias tables are built.
+    #[arg(long, default_value_t = 4096)]
+    rows: u32,
+    /// Items of each of those rows.
+    #[arg(long, default_value_t = 1000)]
+    items: u32,
+    /// Rounds of which the quickest counts.
+    #[arg(long, default_value_t = 10)]
+    rounds: u32,
+    /// Of everything random.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+/// Patches that leave and enter together.
+const BLOCK: usize = 32;
+
+#[derive(Serialize)]
+struct Figures {
+    adapter: String,
+    m: u32,
+    rows: u32,
+    items: u32,
+    /// Opening the device and compiling every kernel.
+    open_ms: f64,
+    /// Largest difference of a patch's irradiance from the CPU backend's, as a share of the brightest.
+    irradiance_error_rel: f64,
+    /// Per patch of a block that leaves and a block that enters, waits included.
+    block_patch_us: f64,
+    /// The product of a frame: bytes of the planes read in a second.
+    product_gb_s: f64,
+    /// A copy in the device's memory: bytes read and written in a second.
+    copy_gb_s: f64,
+    product_share_of_copy: f64,
+    /// A block out, a block in, new sources, the product, its light on the host.
+    frame_ms: f64,
+    alias_gitems_s: f64,
+    has_timestamps: bool,
+    passes: Vec<Pass>,
+    vram_bytes: u64,
+    /// Not computed on devices yet.
+    step_ms: Option<f64>,
+    mrays_s: Option<f64>,
+}
+
+/// The quickest run of a kernel, and what it moves and multiplies.
+#[derive(Serialize)]
+struct Pass {
+    name: &'static str,
+    ms: f64,
+    bytes: Option<f64>,
+    flops: Option<f64>,
+}
+
+/// Runs the suite.
+pub(crate) fn run(arguments: &GpuBenchArguments, json: bool) -> anyhow::Result<()> {
+    let started = Instant::now();
+    let choice = AdapterChoice { name: arguments.adapter.clone(), allow_software: false };
+    let device = GpuDevice::open(&choice).context("no device to measure; `earthshine gpu` lists adapters")?;
+    let open_ms = started.elapsed().as_secs_f64() * 1e3;
+    let mut bench = Bench::new(&device, arguments)?;
+    let irradiance_error_rel = bench.error_against_cpu()?;
+    let frame_ms = bench.quickest(arguments.rounds, Bench::frame)?;
+    let block_patch_us = bench.quickest(arguments.rounds, Bench::swap)? * 1e3 / (2 * BLOCK) as f64;
+    let product_wall_ms = bench.quickest(arguments.rounds, Bench::product)?;
+    let mut quickest = quickest_passes(&bench.passes);
+    let product_ms = quickest.get("multiply_tiles").map_or(product_wall_ms, |ms| 3.0 * ms);
+    let plane_bytes = memory::plane_bytes(arguments.m) as f64;
+    let product_gb_s = 3.0 * plane_bytes / 1e6 / product_ms.max(1e-6);
+    let copy_gb_s = copy_rate(&device, arguments)?;
+    let (alias_gitems_s, alias_pass) = alias_rate(&device, arguments)?;
+    quickest.extend(alias_pass.map(|ms| ("build_alias", ms)));
+    let passes = quickest.into_iter().map(|(name, ms)| {
+        let (bytes, flops) = work(name, plane_bytes).unzip();
+        Pass { name, ms, bytes, flops }
+    });
+    let figures = Figures {
+        adapter: device.name().to_owned(),
+        m: arguments.m,
+        rows: arguments.rows,
+        items: arguments.items,
+        open_ms,
+        irradiance_error_rel,
+        block_patch_us,
+        product_gb_s,
+        copy_gb_s,
+        product_share_of_copy: product_gb_s / copy_gb_s,
+        frame_ms,
+        alias_gitems_s,
+        has_timestamps: bench.has_timestamps,
+        passes: passes.collect(),
+        vram_bytes: memory::device_bytes(arguments.m),
+        step_ms: None,
+        mrays_s: None,
+    };
+    let seconds = started.elapsed().as_secs_f64();
+    let mut report = Report::new("gpu", "closed room", "matrix", arguments.seed, seconds, figures);
+    report.backend = "gpu";
+    report.print(json)
+}
+
+/// Bytes and floating-point operations of one run of a kernel over a whole plane.
+fn work(name: &str, plane_bytes: f64) -> Option<(f64, f64)> {
+    let numbers = plane_bytes / 4.0;
+    match name {
+        // Each number serves for its row and its column.
+        "multiply_tiles" => Some((plane_bytes, 4.0 * numbers)),
+        "rank_update" => Some((2.0 * plane_bytes, 2.0 * BLOCK as f64 * numbers)),
+        "gather_columns" => Some((2.0 * plane_bytes, 4.0 * BLOCK as f64 * numbers)),
+        _ => None,
+    }
+}
+
+/// The quickest run of each kernel, ms.
+fn quickest_passes(passes: &[PassTime]) -> BTreeMap<&'static str, f64> {
+    let mut quickest = BTreeMap::new();
+    for pass in passes {
+        let ms = quickest.entry(pass.name).or_insert(f64::INFINITY);
+        *ms = pass.ms.min(*ms);
+    }
+    quickest
+}
+
+/// A full matrix and what happens to it.
+struct Bench {
+    streamed: Streamed,
+    backend: GpuBackend,
+    cpu: CpuBackend,
+    has_timestamps: bool,
+    passes: Vec<PassTime>,
+    round: u32,
+}
+
+impl Bench {
+    fn new(device: &GpuDevice, arguments: &GpuBenchArguments) -> anyhow::Result<Self> {
+        let m = arguments.m as usize;
+        let room = ClosedBox::new(m + BLOCK, arguments.seed);
+        let mut streamed = Streamed::new(room, m, arguments.seed);
+        let (mut backend, mut cpu) = (GpuBackend::new(device, arguments.m)?, CpuBackend::new(arguments.m)?);
+        let updates = streamed.enter(m);
+        backend.apply(&updates)?;
+        cpu.apply(&updates)?;
+        let has_timestamps = backend.time_passes()?;
+        Ok(Self { streamed, backend, cpu, has_timestamps, passes: Vec::new(), round: 0 })
+    }
+
+    /// Light by both backends after a block was swapped on both.
+    fn error_against_cpu(&mut self) -> anyhow::Result<f64> {
+        for updates in [self.streamed.leave(BLOCK), self.streamed.enter(BLOCK)] {
+            self.backend.apply(&updates)?;
+            self.cpu.apply(&updates)?;
+        }
+        let slots = self.streamed.taken();
+        let light: Vec<Rgb> = slots.iter().map(|&slot| self.streamed.source(slot)).collect();
+        let both: [&mut dyn Backend; 2] = [&mut self.backend, &mut self.cpu];
+        let mut irradiance = [vec![Rgb::ZERO; slots.len()], vec![Rgb::ZERO; slots.len()]];
+        for (backend, out) in both.into_iter().zip(&mut irradiance) {
+            backend.set_sources(&slots, &light, &light)?;
+            backend.step()?;
+            backend.read_irradiance(&slots, out)?;
+        }
+        let brightest = irradiance[1].iter().map(|light| light.max_element()).fold(0.0, f32::max);
+        let gaps = irradiance[0].iter().zip(&irradiance[1]).map(|(a, b)| (*a - *b).abs().max_element());
+        Ok(f64::from(gaps.fold(0.0, f32::max) / brightest))
+    }
+
+    /// The quickest of `rounds` rounds, ms.
+    fn quickest(
+        &mut self,
+        rounds: u32,
+        run: impl Fn(&mut Self) -> anyhow::Result<f64>,
+    ) -> anyhow::Result<f64> {
+        let mut best = f64::INFINITY;
+        for _ in 0..rounds.max(1) {
+            self.round += 1;
+            best = best.min(run(self)?);
+            self.passes.extend(self.backend.take_times()?);
+        }
+        Ok(best)
+    }
+
+    /// Seeded updates that take a block out and another in.
+    fn swapped(&mut self) -> [Vec<Update>; 2] {
+        [self.streamed.leave(BLOCK), self.streamed.enter(BLOCK)]
+    }
+
+    /// ms.
+    fn swap(&mut self) -> anyhow::Result<f64> {
+        let updates = self.swapped();
+        self.backend.finish()?;
+        let start = Instant::now();
+        for updates in &updates {
+            self.backend.apply(updates)?;
+        }
+        self.backend.finish()?;
+        Ok(start.elapsed().as_secs_f64() * 1e3)
+    }
+
+    /// New light for every slot.
+    fn relight(&mut self, slots: &[Slot]) -> anyhow::Result<()> {
+        let light = vec![Rgb::splat(1.0 + self.round as f32); slots.len()];
+        Ok(self.backend.set_sources(slots, &light, &light)?)
+    }
+
+    /// ms.
+    fn product(&mut self) -> anyhow::Result<f64> {
+        let slots = self.streamed.taken();
+        self.relight(&slots)?;
+        self.backend.finish()?;
+        let start = Instant::now();
+        self.backend.step()?;
+        self.backend.finish()?;
+        Ok(start.elapsed().as_secs_f64() * 1e3)
+    }
+
+    /// ms.
+    fn frame(&mut self) -> anyhow::Result<f64> {
+        let updates = self.swapped();
+        let slots = self.streamed.taken();
+        let mut irradiance = vec![Rgb::ZERO; slots.len()];
+        let start = Instant::now();
+        for updates in &updates {
+            self.backend.apply(updates)?;
+        }
+        self.relight(&slots)?;
+        self.backend.step()?;
+        self.backend.read_irradiance(&slots, &mut irradiance)?;
+        Ok(start.elapsed().as_secs_f64() * 1e3)
+    }
+}
+
+/// GB/s of a copy of as much as a plane, at least 16 MiB so that caches do not answer.
+fn copy_rate(device: &GpuDevice, arguments: &GpuBenchArguments) -> anyhow::Result<f64> {
+    let most = device.binding_bytes_max();
+    let bytes = memory::plane_bytes(arguments.m).max(16 << 20).min(most).next_multiple_of(16);
+    let copy = CopyBench::new(device, bytes)?;
+    let mut best = f64::INFINITY;
+    for _ in 0..arguments.rounds.max(1) {
+        let start = Instant::now();
+        copy.run(1)?;
+        best = best.min(start.elapsed().as_secs_f64());
+    }
+    // There and back, read and written.
+    Ok(4.0 * bytes as f64 / 1e9 / best.max(1e-9))
+}
+
+/// Items a second in 10^9, and ms of the pass where the device can tell.
+fn alias_rate(device: &GpuDevice, arguments: &GpuBenchArguments) -> anyhow::Result<(f64, Option<f64>)> {
+    let (rows, items) = (arguments.rows as usize, arguments.items as usize);
+    let mut builder = AliasBuilder::new(device, &vec![items; rows])?;
+    let weight = |at: u64| unit_f32(hash(arguments.seed, Purpose::Simulation, at, 0));
+    builder.set_weights(&(0..(rows * items) as u64).map(weight).collect::<Vec<f32>>())?;
+    let is_timed = builder.time_passes()?;
+    let (mut best, mut best_pass) = (f64::INFINITY, f64::INFINITY);
+    for _ in 0..arguments.rounds.max(1) {
+        builder.finish()?;
+        let start = Instant::now();
+        builder.build()?;
+        builder.finish()?;
+        best = best.min(start.elapsed().as_secs_f64() * 1e3);
+        best_pass = builder.take_times()?.iter().fold(best_pass, |best, pass| best.min(pass.ms));
+    }
+    let ms = if is_timed { best_pass } else { best };
+    Ok(((rows * items) as f64 / 1e6 / ms.max(1e-9), is_timed.then_some(best_pass)))
+}
