@@ -149,7 +149,9 @@ impl TileError {
     }
 }
 
-fn io_cure(source: &std::io::Error) -> &'static str {
+/// What a user can do about a refusal of the system, to follow it in a message; empty where nothing is known.
+#[must_use]
+pub fn io_cure(source: &std::io::Error) -> &'static str {
     use std::io::ErrorKind as Kind;
     match source.kind() {
         Kind::StorageFull | Kind::QuotaExceeded | Kind::FileTooLarge => {

@@ -42,7 +42,7 @@ mod writer;
 
 pub use codec::RowCodec;
 pub use encode::{EncodeOptions, encode};
-pub use error::TileError;
+pub use error::{TileError, io_cure};
 pub use fault::{FaultPlan, FaultyStore};
 pub use format::{Frame, TileHeader, tile_file_name, tile_hash};
 pub use invariant::{RowFault, RowFaultKind, check_receivers, check_rows, check_targets};

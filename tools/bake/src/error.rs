@@ -1,6 +1,6 @@
 //! Why a bake stopped.
 
-use earthshine_tiles::TileError;
+use earthshine_tiles::{TileError, io_cure};
 use std::path::PathBuf;
 
 /// Why a bake stopped. What was finished stays on disk; running the same command again goes on from there.
@@ -93,7 +93,7 @@ pub enum BakeError {
         chunk: [i32; 3],
     },
     /// A folder could not be made, read or cleared.
-    #[error("{path:?}: {source}")]
+    #[error("{path:?}: {source}{}", io_cure(source))]
     Io {
         /// What was touched.
         path: PathBuf,

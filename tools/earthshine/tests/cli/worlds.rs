@@ -1,7 +1,7 @@
 //! Worlds that are missing or damaged: exit code 4, or 9 where faults were asked for; the file and the cure by name.
 
 use crate::command::{FAULTS, STORAGE, WORLD, bake, cornell_world, files, run};
-use earthshine_tiles::Manifest;
+use earthshine_tiles::{Manifest, format};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
@@ -85,7 +85,7 @@ fn a_flipped_byte() {
 
 #[test]
 fn a_tile_of_another_version() {
-    assert_damage_is_found(|tile| tile[8] = 77, &["format version 77", "this program reads 2"]);
+    assert_damage_is_found(|tile| tile[8] = 77, &["format version 77", "this program reads"]);
 }
 
 #[test]
@@ -93,11 +93,13 @@ fn a_manifest_of_another_version() {
     let folder = world();
     let path = folder.path().join("world/world.toml");
     let text = std::fs::read_to_string(&path).expect("a manifest");
-    std::fs::write(&path, text.replace("format_version = 2", "format_version = 77"))
-        .expect("a scratch folder");
+    std::fs::write(
+        &path,
+        text.replace(&format!("format_version = {}", format::VERSION), "format_version = 77"),
+    )
+    .expect("a scratch folder");
     for command in [&["inspect", "world"][..], &["serve", "world"], &bake("cornell", "world")[..8]] {
-        run(folder.path(), command)
-            .fails(WORLD, &["world.toml", "format version 77", "this program reads 2"]);
+        run(folder.path(), command).fails(WORLD, &["world.toml", "format version 77", "this program reads"]);
     }
 }
 
