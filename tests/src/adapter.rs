@@ -1,5 +1,6 @@
 //! A device to test the GPU backend with: any adapter, a software one too.
 
+use crate::shared::say;
 use earthshine_gpu::{AdapterChoice, GpuDevice};
 
 /// Set (by CI) where a missing adapter is a failure, not a reason to skip.
@@ -30,7 +31,7 @@ pub fn device_within(binding_bytes_max: u64) -> Option<GpuDevice> {
         Ok(device) => Some(device),
         Err(error) => {
             assert!(std::env::var_os(REQUIRED).is_none(), "{REQUIRED} is set, but: {error}");
-            eprintln!("skipped: {error}");
+            say(&format!("SKIPPED a test of the GPU backend: {error}"));
             None
         }
     }

@@ -21,7 +21,6 @@ use earthshine_world::{LightRig, Rgb, Sky};
 use std::time::Duration;
 
 fn conforms(device: &GpuDevice) {
-    eprintln!("on {}", device.name());
     backend_conformance(|slots| {
         Box::new(GpuBackend::new(device, slots).expect("a small matrix")) as Box<dyn Backend>
     });

@@ -40,7 +40,7 @@ impl GpuMatrix {
         recorder.clear(&buffers.exchange);
         let groups = crate::recorder::folded(pass.entry_count.div_ceil(LANES));
         recorder.dispatch(&SCATTER_EXCHANGE, &[&buffers.entries, &buffers.exchange], pass, groups);
-        drop(recorder.submit()?);
+        let _submitted = recorder.submit()?;
         let mut returned = self.open_block(block, false)?[0].clone();
         for channel in 0..3 {
             for (to, &among) in returned.plane_mut(channel).iter_mut().zip(&exchange.among) {
