@@ -9,6 +9,7 @@ use crate::backends::{backends, solving};
 use crate::config::Config;
 use crate::config::load::seconds;
 use crate::metrics::Metrics;
+use crate::promise::promise;
 use crate::tile_loader::{TileLoader, TileRequests};
 use earthshine_engine::{Engine, EngineError, Event};
 use earthshine_tiles::{DirStore, Manifest, TileError, TileStore};
@@ -120,7 +121,9 @@ impl WorldWatch {
         let config = &self.config;
         let (matrices, _device) = backends(config).map_err(Box::new)?;
         let backends = solving(matrices, &config.engine.solver);
-        let engine = Engine::new(manifest.index(), config.engine.clone(), backends)?;
+        let index = manifest.index();
+        let promised = promise(config, &index, &store);
+        let engine = Engine::new(index, config.engine.clone(), backends)?.with_promise(promised);
         let (answers, tiles) = std::sync::mpsc::sync_channel(config.tile_queue as usize);
         let store: Arc<dyn TileStore> = Arc::new(store);
         let requests_max = config.engine.tiles_in_flight_max;
