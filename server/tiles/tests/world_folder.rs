@@ -67,7 +67,7 @@ fn broken_manifests_say_what_is_wrong() {
     let cases = [
         ("scene = \"test\"", "scenery = \"test\"", "scenery"),
         ("scene = \"test\"", "", "scene"),
-        ("scene = \"test\"", "scene = ", "line 3"),
+        ("scene = \"test\"", "scene = ", "line 4"),
         ("voxel_edge_m = 1.0", "voxel_edge_m = nan", "voxel_edge_m"),
         ("chunk_edge_voxels = 16", "chunk_edge_voxels = 23", "chunk_edge_voxels"),
         ("rays_per_patch", "rays_per_pitch", "rays_per_pitch"),

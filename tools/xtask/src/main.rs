@@ -52,9 +52,11 @@ fn main() -> ExitCode {
     }
 }
 
-/// The workspace's root: two folders above this package.
+/// The workspace's root: two folders above this package. Where cargo runs it from, not where it was compiled: a copied
+/// target folder must not check the tree it was copied from.
 fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).expect("xtask lies in tools/xtask").to_owned()
+    let package = std::env::var_os("CARGO_MANIFEST_DIR").unwrap_or_else(|| env!("CARGO_MANIFEST_DIR").into());
+    Path::new(&package).ancestors().nth(2).expect("xtask lies in tools/xtask").to_owned()
 }
 
 /// Runs `cargo` with `arguments` at the root and fails where it fails.

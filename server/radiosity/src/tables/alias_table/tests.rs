@@ -1,3 +1,5 @@
+//! Held against the masses themselves: what a table gives each item, summed over its bins, is the item's mass.
+
 use super::*;
 use crate::closed_box::ClosedBox;
 use crate::tables::draw::{Spread, random, row_key};
