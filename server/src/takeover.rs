@@ -12,6 +12,8 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+/// After so long a frame with nearly all light will do: a camera on the move never has all.
+const SETTLING: Duration = Duration::from_secs(5);
 /// After so long an engine takes over with whatever light it has.
 const PATIENCE: Duration = Duration::from_secs(60);
 /// Tiles taken in one tick.
@@ -83,18 +85,16 @@ impl Takeover {
                 Command::PublishFrame { frame } => drop(self.frames.insert(frame.session, frame)),
             }
         }
-        let is_patient = self.began.elapsed() < PATIENCE;
-        watching
-            .iter()
-            .all(|session| self.frames.get(session).is_some_and(|frame| !is_patient || is_good(frame)))
+        let waited = self.began.elapsed();
+        watching.iter().all(|session| self.frames.get(session).is_some_and(|frame| is_good(frame, waited)))
     }
 }
 
-/// Whether a frame has what its camera wants: all of it, or for a camera on the move nearly all.
-fn is_good(frame: &Frame) -> bool {
+/// Whether a frame has what its camera wants: all of it, or after a while nearly all.
+fn is_good(frame: &Frame, waited: Duration) -> bool {
     let quality = frame.quality;
     let is_nearly = quality.wanted_patches > 0
         && u64::from(quality.resident_patches) * 20 >= u64::from(quality.wanted_patches) * 19
         && quality.stale_direct == 0;
-    quality.settled || is_nearly
+    quality.settled || (waited >= SETTLING && is_nearly) || waited >= PATIENCE
 }
