@@ -112,6 +112,8 @@ fn config() -> EngineConfig {
     EngineConfig {
         resident_patches_max: 300,
         coarse_patches_max: 200,
+        // What is resident at rest must not depend on the way there.
+        hysteresis: 0.0,
         load_radius_m: 6.0,
         retry_after_s: 0.05,
         retries_max: 5,
