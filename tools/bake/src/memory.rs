@@ -34,7 +34,7 @@ impl std::str::FromStr for MemoryLimit {
             "g" | "gib" => 1 << 30,
             _ => return Err(refused()),
         };
-        let bytes = number.parse::<f64>().map_err(|_| refused())? * unit as f64;
+        let bytes = number.parse::<f64>().map_err(|_not_a_number| refused())? * unit as f64;
         if bytes >= 1.0 && bytes.is_finite() { Ok(Self(Some(bytes as u64))) } else { Err(refused()) }
     }
 }

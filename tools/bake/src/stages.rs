@@ -34,6 +34,9 @@ use std::sync::Mutex;
 use std::time::Instant;
 use xxhash_rust::xxh3::{Xxh3Default, xxh3_64};
 
+/// Of each chunk, what its surfaces come from: equal contents, equal number.
+type Identities = BTreeMap<[i32; 3], u64>;
+
 /// What to bake and how, besides the scene.
 #[derive(Debug, Clone)]
 pub struct BakeOptions {
@@ -247,7 +250,7 @@ impl<'a> Run<'a> {
         &mut self,
         source: &SurfaceSource<'_>,
         mut cells: Cells,
-    ) -> Result<(PatchSet, BTreeMap<[i32; 3], u64>, Cells), BakeError> {
+    ) -> Result<(PatchSet, Identities, Cells), BakeError> {
         if let Some(Surfaces { set, .. }) = &source.whole {
             self.end(Stage::Exposure);
             let identities = set.chunks.keys().map(|&chunk| (chunk, self.files.content_hash)).collect();
