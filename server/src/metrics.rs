@@ -4,7 +4,7 @@
 //! at every scrape. Names end in a unit; `_total` marks counters. Start at [`Metrics::encode`].
 
 use crate::engine_thread::{EngineReport, SharedReport};
-use earthshine_engine::{EngineStats, SessionStats};
+use earthshine_engine::{Counters, EngineStats, SessionStats};
 use prometheus_client::collector::Collector;
 use prometheus_client::encoding::{DescriptorEncoder, EncodeMetric as _, text};
 use prometheus_client::metrics::MetricType;
@@ -142,43 +142,7 @@ struct EngineCollector(EngineReport);
 
 impl Collector for EngineCollector {
     fn encode(&self, mut encoder: DescriptorEncoder<'_>) -> Result<(), std::fmt::Error> {
-        let stats = &self.0.stats;
-        let counted = &stats.counters;
-        let counters = [
-            ("ticks", "Ticks", counted.ticks),
-            (
-                "events_ignored",
-                "Events that made no difference because they could not be",
-                counted.ignored.total(),
-            ),
-            ("tiles_requested", "Tiles asked for", counted.tiles_requested),
-            ("tiles_cancelled", "Requests taken back", counted.tiles_cancelled),
-            ("tiles_decoded", "Tiles taken", counted.tiles_decoded),
-            ("tile_bytes", "Bytes on disk of all tiles taken", counted.tile_bytes),
-            ("tile_failures", "Tiles that could not be had", counted.tile_failures),
-            ("chunks_given_up", "Chunks quarantined since the start", counted.quarantined),
-            ("decoded_bytes", "Memory of all tiles taken", counted.bytes_decoded),
-            ("patches_added", "Patches that entered a local matrix", counted.adds),
-            ("patches_removed", "Patches that left one", counted.removes),
-            ("weak_pivots", "Patches refused for a weak pivot", counted.weak_pivots),
-            ("refused_adds", "Patches refused for another reason", counted.refused_adds),
-            ("backend_failures", "Backends that failed", counted.backend_failures),
-            ("slots_lit", "Slots whose direct light was computed", counted.slots_lit),
-            ("shadow_rays", "Most shadow rays that may have been traced", counted.rays),
-            ("limited_sources", "Sources limited to what f32 light can carry", counted.limited_sources),
-            ("drift_probes", "Measurements of drift", counted.drift_probes),
-            ("resolves", "Repairs and fresh solves because of drift", counted.resolves),
-            ("frames", "Frames published", counted.frames),
-            ("audits", "Audits of a solver by the matrix", counted.audits),
-            ("chunks_evicted", "Unwanted chunks that went because room was needed", counted.evicted),
-            ("promised_ticks", "Ticks times sessions held against the promise", counted.promised_ticks),
-            (
-                "promise_violations",
-                "Of those, with light of level 0 missing near a camera",
-                counted.violations,
-            ),
-        ];
-        for (name, help, value) in counters {
+        for (name, help, value) in counters(&self.0.stats.counters) {
             let metric = encoder.encode_descriptor(name, help, None, MetricType::Counter)?;
             ConstCounter::new(value).encode(metric)?;
         }
@@ -188,71 +152,100 @@ impl Collector for EngineCollector {
             None,
             MetricType::Counter,
         )?;
-        for (level, &count) in counted.misses_by_level.iter().enumerate().filter(|(_, count)| **count > 0) {
+        for (level, &count) in
+            self.0.stats.counters.misses_by_level.iter().enumerate().filter(|(_, count)| **count > 0)
+        {
             let labels = [("level", level.to_string())];
             ConstCounter::new(count).encode(misses.encode_family(&labels)?)?;
         }
-        let sum = |of: fn(&SessionStats) -> u32| {
-            stats.sessions.iter().map(|session| u64::from(of(session))).sum::<u64>() as f64
-        };
-        let most = |of: fn(&SessionStats) -> f32| {
-            stats.sessions.iter().map(|session| f64::from(of(session))).fold(0.0, f64::max)
-        };
-        let gauges = [
-            ("chunks_requested", "Chunks asked for", f64::from(stats.chunks.requested)),
-            ("chunks_decoded", "Chunks in memory without slots", f64::from(stats.chunks.decoded)),
-            ("chunks_resident", "Chunks with slots", f64::from(stats.chunks.resident)),
-            ("chunks_leaving", "Chunks on their way out", f64::from(stats.chunks.leaving)),
-            ("chunks_quarantined", "Chunks given up", f64::from(stats.chunks.quarantined)),
-            ("held_bytes", "Memory of the tiles held", stats.decoded_bytes as f64),
-            (
-                "resident_patches",
-                "Patches that hold slots, all sessions",
-                sum(|session| session.resident_patches),
-            ),
-            (
-                "wanted_patches",
-                "Patches that cameras want, all sessions",
-                sum(|session| session.wanted_patches),
-            ),
-            (
-                "stale_patches",
-                "Patches with old direct light, all sessions",
-                sum(|session| session.stale_direct),
-            ),
-            ("matrix_drift_ratio", "Worst rounding of any local matrix", f64::from(stats.drift())),
-            (
-                "solver_audit_error_ratio",
-                "Worst relative RMSE of any view's light against the matrix, at its last audit",
-                f64::from(stats.audit_error()),
-            ),
-            (
-                "promised_radius_meters",
-                "Radius of the promise; 0 for none",
-                f64::from(stats.promised_radius_m),
-            ),
-            (
-                "promised_speed_meters_per_second",
-                "Up to which speed it holds",
-                f64::from(stats.promised_speed_m_s),
-            ),
-            (
-                "missing_near_patches",
-                "Patches within the promised radius without light of level 0, all sessions",
-                sum(|session| session.missing_near),
-            ),
-            ("far_share_ratio", "Largest mean far share of any session", most(|session| session.far_share)),
-            ("gap_share_ratio", "Largest mean far share that no coarse level brings", most(gap_share)),
-            ("fed_share_ratio", "Smallest fed part of the far share of any session", least_fed(stats)),
-            ("chunks_spare", "Chunks in memory that nobody wants", f64::from(stats.spare_chunks)),
-            ("tile_requests", "Tiles asked for and not answered", self.0.tiles_pending as f64),
-        ];
-        for (name, help, value) in gauges {
+        for (name, help, value) in gauges(&self.0) {
             let metric = encoder.encode_descriptor(name, help, None, MetricType::Gauge)?;
             ConstGauge::new(value).encode(metric)?;
         }
         Ok(())
     }
+}
+
+/// Name, help and value of what only grows.
+fn counters(counted: &Counters) -> Vec<(&'static str, &'static str, u64)> {
+    vec![
+        ("ticks", "Ticks", counted.ticks),
+        (
+            "events_ignored",
+            "Events that made no difference because they could not be",
+            counted.ignored.total(),
+        ),
+        ("tiles_requested", "Tiles asked for", counted.tiles_requested),
+        ("tiles_cancelled", "Requests taken back", counted.tiles_cancelled),
+        ("tiles_decoded", "Tiles taken", counted.tiles_decoded),
+        ("tile_bytes", "Bytes on disk of all tiles taken", counted.tile_bytes),
+        ("tile_failures", "Tiles that could not be had", counted.tile_failures),
+        ("chunks_given_up", "Chunks quarantined since the start", counted.quarantined),
+        ("decoded_bytes", "Memory of all tiles taken", counted.bytes_decoded),
+        ("patches_added", "Patches that entered a local matrix", counted.adds),
+        ("patches_removed", "Patches that left one", counted.removes),
+        ("weak_pivots", "Patches refused for a weak pivot", counted.weak_pivots),
+        ("refused_adds", "Patches refused for another reason", counted.refused_adds),
+        ("backend_failures", "Backends that failed", counted.backend_failures),
+        ("slots_lit", "Slots whose direct light was computed", counted.slots_lit),
+        ("shadow_rays", "Most shadow rays that may have been traced", counted.rays),
+        ("limited_sources", "Sources limited to what f32 light can carry", counted.limited_sources),
+        ("drift_probes", "Measurements of drift", counted.drift_probes),
+        ("resolves", "Repairs and fresh solves because of drift", counted.resolves),
+        ("frames", "Frames published", counted.frames),
+        ("audits", "Audits of a solver by the matrix", counted.audits),
+        ("chunks_evicted", "Unwanted chunks that went because room was needed", counted.evicted),
+        ("promised_ticks", "Ticks times sessions held against the promise", counted.promised_ticks),
+        ("promise_violations", "Of those, with light of level 0 missing near a camera", counted.violations),
+    ]
+}
+
+/// Name, help and value of what goes up and down.
+fn gauges(report: &EngineReport) -> Vec<(&'static str, &'static str, f64)> {
+    let stats = &report.stats;
+    let sum = |of: fn(&SessionStats) -> u32| {
+        stats.sessions.iter().map(|session| u64::from(of(session))).sum::<u64>() as f64
+    };
+    let most = |of: fn(&SessionStats) -> f32| {
+        stats.sessions.iter().map(|session| f64::from(of(session))).fold(0.0, f64::max)
+    };
+    vec![
+        ("chunks_requested", "Chunks asked for", f64::from(stats.chunks.requested)),
+        ("chunks_decoded", "Chunks in memory without slots", f64::from(stats.chunks.decoded)),
+        ("chunks_resident", "Chunks with slots", f64::from(stats.chunks.resident)),
+        ("chunks_leaving", "Chunks on their way out", f64::from(stats.chunks.leaving)),
+        ("chunks_quarantined", "Chunks given up", f64::from(stats.chunks.quarantined)),
+        ("held_bytes", "Memory of the tiles held", stats.decoded_bytes as f64),
+        (
+            "resident_patches",
+            "Patches that hold slots, all sessions",
+            sum(|session| session.resident_patches),
+        ),
+        ("wanted_patches", "Patches that cameras want, all sessions", sum(|session| session.wanted_patches)),
+        ("stale_patches", "Patches with old direct light, all sessions", sum(|session| session.stale_direct)),
+        ("matrix_drift_ratio", "Worst rounding of any local matrix", f64::from(stats.drift())),
+        (
+            "solver_audit_error_ratio",
+            "Worst relative RMSE of any view's light against the matrix, at its last audit",
+            f64::from(stats.audit_error()),
+        ),
+        ("promised_radius_meters", "Radius of the promise; 0 for none", f64::from(stats.promised_radius_m)),
+        (
+            "promised_speed_meters_per_second",
+            "Up to which speed it holds",
+            f64::from(stats.promised_speed_m_s),
+        ),
+        (
+            "missing_near_patches",
+            "Patches within the promised radius without light of level 0, all sessions",
+            sum(|session| session.missing_near),
+        ),
+        ("far_share_ratio", "Largest mean far share of any session", most(|session| session.far_share)),
+        ("gap_share_ratio", "Largest mean far share that no coarse level brings", most(gap_share)),
+        ("fed_share_ratio", "Smallest fed part of the far share of any session", least_fed(stats)),
+        ("chunks_spare", "Chunks in memory that nobody wants", f64::from(stats.spare_chunks)),
+        ("tile_requests", "Tiles asked for and not answered", report.tiles_pending as f64),
+    ]
 }
 
 fn gap_share(session: &SessionStats) -> f32 {

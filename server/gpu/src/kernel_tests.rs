@@ -306,7 +306,7 @@ fn updates_and_columns_go_where_they_belong() {
         let inputs = [bytes(&plane), bytes(&columns), bytes(&members)];
         let found = example.unpacked(&floats(&run(&device, &WRITE_COLUMNS, &inputs, pass, grid)[0]));
         let value = |slot: usize, member: &Member| columns[stride + slot * WIDTH + member.place as usize];
-        for at in 0..rows * rows {
+        for (at, &entry) in found.iter().enumerate() {
             let (high, low) = ((at / rows).max(at % rows), (at / rows).min(at % rows));
             let of = |slot: usize| members.iter().find(|member| member.slot as usize == slot);
             // Where two members meet, the one in the higher slot says what both exchange.
@@ -315,7 +315,7 @@ fn updates_and_columns_go_where_they_belong() {
                 (Some(high), None) => value(low, high),
                 (None, None) => example.dense[at],
             };
-            assert_eq!(found[at], expected, "{n}: {high} {low}");
+            assert_eq!(entry, expected, "{n}: {high} {low}");
         }
         let inputs = [bytes(&plane), bytes(&example.residents), bytes(&members), bytes(&columns)];
         let copied = floats(&run(&device, &COPY_COLUMNS, &inputs, pass, grid)[3]);

@@ -255,7 +255,7 @@ mod tests {
         let cells = cells();
         let seen = Seen::nothing(&cells);
         let (origin, end) = (Vec3::new(-4.3, -1.9, 7.2), Vec3::new(13.1, 5.5, -5.8));
-        let direction = (end - origin).normalize();
+        let direction = (end - origin).normalize_or_zero();
         seen.mark_way(origin, direction, end.distance(origin));
         let marked: Vec<u32> = seen.list().iter().map(|entry| entry.0).collect();
         for step in 0..=1000 {
