@@ -1,6 +1,6 @@
 //! Counters and gauges in the `OpenMetrics` text format.
 //!
-//! Two kinds: what the shell counts itself, and the engine's [`EngineStats`](earthshine_engine::EngineStats), read from its last snapshot
+//! Two kinds: what the shell counts itself, and the engine's [`EngineStats`], read from its last snapshot
 //! at every scrape. Names end in a unit; `_total` marks counters. Start at [`Metrics::encode`].
 
 use crate::engine_thread::{EngineReport, SharedReport};

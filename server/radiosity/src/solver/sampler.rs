@@ -34,7 +34,7 @@ pub struct RowSampler<T> {
     clamped: u64,
 }
 
-/// What a call of [`RowSampler::rebuild`] did.
+/// What a call of `RowSampler::rebuild` did.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Rebuilt {
     /// Tables.
