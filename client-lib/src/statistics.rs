@@ -66,7 +66,7 @@ pub struct ServerStatistics {
     pub promised_radius_m: f32,
     /// m/s.
     pub promised_speed_m_s: f32,
-    /// Ticks of this session that broke the promise.
+    /// Ticks that broke the promise to its camera.
     pub promise_violations: u64,
     /// Mean share of what the session's patches see that exists but is not in the local matrix, 0..=1.
     pub far_share: f32,

@@ -58,7 +58,7 @@ pub struct FlyReport {
     pub promised_radius_m: Option<f64>,
     /// Up to this speed, m/s.
     pub promised_speed_m_s: Option<f64>,
-    /// The server's last word on its ticks for this session that broke the promise.
+    /// The server's last word on how many of its ticks broke the promise to this camera.
     pub promise_violations: Option<u64>,
     /// Mean share of what the resident patches see that is not resident, the server's last word.
     pub server_far_share: Option<f64>,
