@@ -104,6 +104,10 @@ fn code(cause: &(dyn std::error::Error + 'static)) -> Option<u8> {
     if let Some(error) = cause.downcast_ref::<ProgressiveError>() {
         return Some(if matches!(error, ProgressiveError::Option { .. }) { USAGE } else { INPUT });
     }
+    let is_storage = cause.is::<std::io::Error>()
+        || matches!(cause.downcast_ref(), Some(CsvError::Write { .. }))
+        || matches!(cause.downcast_ref(), Some(PathError::Write { .. }))
+        || matches!(cause.downcast_ref(), Some(ImageFileError { is_writing: true, .. }));
     let is_input = cause.is::<SceneError>()
         || cause.is::<CsvError>()
         || cause.is::<ImageFileError>()
@@ -117,11 +121,11 @@ fn code(cause: &(dyn std::error::Error + 'static)) -> Option<u8> {
         || cause.is::<SettingsError>()
         || cause.is::<WrongUse>();
     match () {
+        () if is_storage => Some(STORAGE),
         () if is_input => Some(INPUT),
         () if is_usage => Some(USAGE),
         () if cause.is::<ClientError>() => Some(CONNECTION),
         () if cause.is::<FaultsFound>() => Some(FAULTS),
-        () if cause.is::<std::io::Error>() => Some(STORAGE),
         () => None,
     }
 }

@@ -138,6 +138,8 @@ pub(crate) fn sun_path() -> SunPath {
 
 /// Runs the subcommand.
 pub(crate) fn run(arguments: &FlyArguments) -> anyhow::Result<()> {
+    let duration = Duration::try_from_secs_f32(arguments.seconds)
+        .map_err(|_| WrongUse("--seconds has to be a number, 0 or more"))?;
     let sun = match &arguments.sun_path {
         Some(file) => Some(SunPath::load(file)?),
         None => arguments.moving_sun.then(sun_path),
@@ -148,12 +150,9 @@ pub(crate) fn run(arguments: &FlyArguments) -> anyhow::Result<()> {
     let asking = ClientOptions { credentials: credentials.clone(), ..ClientOptions::default() };
     let world = runtime.block_on(earthshine_client::world(server, &asking))?;
     let path = arguments.route.path(&world)?;
-    if let Some(file) = &arguments.route.record {
-        recorded(&path, arguments.seconds, arguments.rate).save(file)?;
-    }
     let mut options = FlyOptions::new(server, path);
     options.client.credentials = credentials;
-    options.duration = Duration::try_from_secs_f32(arguments.seconds).context("--seconds")?;
+    options.duration = duration;
     options.rate_hz = arguments.rate;
     if sun.is_some() {
         options.lights = Some(world.lights.clone());
@@ -167,6 +166,9 @@ pub(crate) fn run(arguments: &FlyArguments) -> anyhow::Result<()> {
     // Ctrl-C lands: what was measured until then is reported. A signal that cannot be caught ends the process.
     let landing = async { drop(tokio::signal::ctrl_c().await) };
     let report = runtime.block_on(earthshine_fly::fly(&options, landing, |frame| frames.push(frame)))?;
+    if let Some(file) = &arguments.route.record {
+        recorded(&options.path, arguments.seconds, arguments.rate).save(file)?;
+    }
     if let (Some(folder), Some(scene)) = (&arguments.out, &arguments.scene) {
         draw(&frames, folder, scene, &lights_wire::from_client(&world.lights), &arguments.view)?;
     }

@@ -19,7 +19,7 @@ pub(crate) struct GpuArguments {
 }
 
 /// Matrix sizes whose memory is listed.
-const SLOTS: [u32; 6] = [1024, 2048, 4096, 8192, 16_384, 23_170];
+const SLOTS: [u32; 5] = [1024, 2048, 4096, 8192, 16_384];
 
 #[derive(Serialize)]
 struct Listing {

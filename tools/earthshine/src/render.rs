@@ -148,6 +148,11 @@ impl RenderArguments {
                 self.animation.wanted().is_none() && self.animation.is_given(),
                 "--solvers, --frames, --picture-every and --sun-path need --animation",
             ),
+            (
+                self.animation.wanted().is_some() && (self.exr || self.shown != View::Light),
+                "--animation draws light alone: leave --exr and --view out",
+            ),
+            (self.animation.has_useless_sun_path(), "--sun-path needs --animation sun"),
             (self.progressive.has_useless_texels(), "--id-texels needs --visibility id-buffer"),
         ];
         faults.into_iter().find(|fault| fault.0).map_or(Ok(()), |fault| Err(WrongUse(fault.1)))

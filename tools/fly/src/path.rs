@@ -67,9 +67,18 @@ pub enum PathError {
         /// Which, and why.
         cause: String,
     },
-    /// The file cannot be read or written.
+    /// The file cannot be read.
     #[error("path file {file:?}: {cause}")]
-    Io {
+    Read {
+        /// Which.
+        file: std::path::PathBuf,
+        /// What the system says.
+        #[source]
+        cause: std::io::Error,
+    },
+    /// The file cannot be written.
+    #[error("path file {file:?}: {cause}")]
+    Write {
         /// Which.
         file: std::path::PathBuf,
         /// What the system says.

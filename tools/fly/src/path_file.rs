@@ -27,10 +27,10 @@ impl Path {
     /// Reads a path from a .json or .toml file, and checks it.
     ///
     /// # Errors
-    /// [`PathError::Extension`], [`PathError::Io`], [`PathError::Format`], [`PathError::Invalid`].
+    /// [`PathError::Extension`], [`PathError::Read`], [`PathError::Format`], [`PathError::Invalid`].
     pub fn load(file: &FilePath) -> Result<Self, PathError> {
         let format = Format::of(file)?;
-        let io = |cause| PathError::Io { file: file.to_owned(), cause };
+        let io = |cause| PathError::Read { file: file.to_owned(), cause };
         let mut text = String::new();
         let mut reader = File::open(file).map_err(io)?.take(FILE_BYTES_MAX + 1);
         reader.read_to_string(&mut text).map_err(io)?;
@@ -49,7 +49,7 @@ impl Path {
     /// Writes the path to a .json or .toml file: whole, or not at all.
     ///
     /// # Errors
-    /// [`PathError::Extension`], [`PathError::Io`], [`PathError::Invalid`].
+    /// [`PathError::Extension`], [`PathError::Write`], [`PathError::Invalid`].
     pub fn save(&self, file: &FilePath) -> Result<(), PathError> {
         let format = Format::of(file)?;
         self.validate()?;
@@ -58,7 +58,7 @@ impl Path {
             Format::Json => serde_json::to_string_pretty(self).map_err(|error| fault(error.to_string()))?,
             Format::Toml => toml::to_string(self).map_err(|error| fault(error.to_string()))?,
         };
-        let io = |cause| PathError::Io { file: file.to_owned(), cause };
+        let io = |cause| PathError::Write { file: file.to_owned(), cause };
         let mut unfinished = file.as_os_str().to_owned();
         unfinished.push(".unfinished");
         std::fs::write(&unfinished, text).map_err(io)?;
@@ -106,6 +106,6 @@ mod tests {
         assert!(fault("d.toml", b"type = \"recorded\"\nkeys = []").contains("keys"));
         assert!(fault("e.json", &[0xFF, 0xFE]).contains("UTF-8"));
         let missing = Path::load(&folder.path().join("missing.json")).unwrap_err();
-        assert!(matches!(missing, PathError::Io { .. }), "{missing}");
+        assert!(matches!(missing, PathError::Read { .. }), "{missing}");
     }
 }

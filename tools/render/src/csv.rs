@@ -40,9 +40,17 @@ impl ReferencePoint {
 /// A file that holds no reference light.
 #[derive(Debug, thiserror::Error)]
 pub enum CsvError {
-    /// Cannot be read or written.
+    /// Cannot be read.
     #[error("{}: {source}", path.display())]
-    Io {
+    Read {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Cannot be written.
+    #[error("{}: {source}", path.display())]
+    Write {
         /// Which file.
         path: PathBuf,
         /// Why.
@@ -127,7 +135,7 @@ pub fn read_places(path: &Path) -> Result<Vec<(Vec3, Vec3)>, CsvError> {
 }
 
 fn text_of(path: &Path) -> Result<String, CsvError> {
-    let io = |source| CsvError::Io { path: path.into(), source };
+    let io = |source| CsvError::Read { path: path.into(), source };
     let bytes = std::fs::metadata(path).map_err(io)?.len();
     if bytes > FILE_BYTES_MAX {
         return Err(CsvError::TooLarge { path: path.into(), bytes });
@@ -144,7 +152,7 @@ pub fn write(path: &Path, points: &[ReferencePoint]) -> Result<(), CsvError> {
     unfinished.push(".part");
     std::fs::write(&unfinished, to_text(points))
         .and_then(|()| std::fs::rename(&unfinished, path))
-        .map_err(|source| CsvError::Io { path: path.into(), source })
+        .map_err(|source| CsvError::Write { path: path.into(), source })
 }
 
 /// The file's contents for `points`; numbers read back to the same bits.

@@ -18,6 +18,8 @@ const LUMINANCE: Rgb = Rgb::new(0.2126, 0.7152, 0.0722);
 #[error("{}: {source}", path.display())]
 pub struct ImageFileError {
     path: PathBuf,
+    /// Whether it was to be written.
+    pub is_writing: bool,
     source: image::ImageError,
 }
 
@@ -98,7 +100,7 @@ pub fn read_srgb(path: &Path) -> Result<RgbImage, ImageFileError> {
 }
 
 fn open(path: &Path) -> Result<DynamicImage, ImageFileError> {
-    image::open(path).map_err(|source| ImageFileError { path: path.into(), source })
+    image::open(path).map_err(|source| ImageFileError { path: path.into(), is_writing: false, source })
 }
 
 fn save(path: &Path, image: &DynamicImage, format: ImageFormat) -> Result<(), ImageFileError> {
@@ -107,7 +109,7 @@ fn save(path: &Path, image: &DynamicImage, format: ImageFormat) -> Result<(), Im
     image
         .save_with_format(&unfinished, format)
         .and_then(|()| std::fs::rename(&unfinished, path).map_err(image::ImageError::IoError))
-        .map_err(|source| ImageFileError { path: path.into(), source })
+        .map_err(|source| ImageFileError { path: path.into(), is_writing: true, source })
 }
 
 #[cfg(test)]

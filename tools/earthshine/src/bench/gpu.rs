@@ -25,17 +25,17 @@ pub(crate) struct GpuBenchArguments {
     /// Part of the adapter's name; empty for the best there is. A software adapter has to be named.
     #[arg(long, default_value = "")]
     adapter: String,
-    /// Patches of the matrix.
-    #[arg(long, default_value_t = 1024)]
+    /// Patches of the matrix, at least a block.
+    #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(BLOCK as i64..))]
     m: u32,
     /// Rows whose alias tables are built.
-    #[arg(long, default_value_t = 4096)]
+    #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(1..))]
     rows: u32,
     /// Items of each of those rows.
-    #[arg(long, default_value_t = 1000)]
+    #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..))]
     items: u32,
     /// Rounds of which the quickest counts.
-    #[arg(long, default_value_t = 10)]
+    #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..))]
     rounds: u32,
     /// Of everything random.
     #[arg(long, default_value_t = 1)]

@@ -3,7 +3,7 @@
 use crate::bench::scratch;
 use crate::quality::QualityArguments;
 use crate::scene_source;
-use crate::whole_world::WholeWorld;
+use crate::whole_world::{WholeLight, WholeWorld};
 use anyhow::Context as _;
 use clap::Args;
 use earthshine_bake::Levels;
@@ -19,7 +19,7 @@ pub(super) struct WorldArguments {
     #[arg(long, default_value = "cornell")]
     pub(super) scene: String,
     /// A world that is baked already, instead of a scene.
-    #[arg(long, conflicts_with = "scene")]
+    #[arg(long, conflicts_with_all = ["scene", "lights", "voxel", "rays", "samples_per_face", "chunk_voxels"])]
     pub(super) world: Option<PathBuf>,
     /// Lights JSON; a baked world has its own.
     #[arg(long)]
@@ -40,9 +40,7 @@ pub(super) struct LitWorld {
     pub(super) centroids: Vec<Vec3>,
     /// Share of each row that leaves the world.
     pub(super) sky_shares: Vec<f32>,
-    pub(super) sky_irradiance: Vec<Rgb>,
-    pub(super) direct_exitance: Vec<Rgb>,
-    pub(super) irradiance: Vec<Rgb>,
+    pub(super) light: WholeLight,
 }
 
 impl WorldArguments {
@@ -75,20 +73,16 @@ impl LitWorld {
             reflectance: world.patches().map(|patch| patch.reflectance).collect(),
             centroids: world.patches().map(|patch| patch.centroid).collect(),
             sky_shares: sky.map(|lobes| lobes.iter().sum()).collect(),
-            sky_irradiance: light.sky_irradiance,
-            direct_exitance: light.direct_exitance,
-            irradiance: light.irradiance,
+            light,
             name,
             rig: rig.clone(),
-
             world,
         })
     }
 
     /// What leaves each patch, lm/m2.
     pub(super) fn exitance(&self) -> Vec<Rgb> {
-        let leaving = self.direct_exitance.iter().zip(&self.reflectance).zip(&self.irradiance);
-        leaving.map(|((&direct, &reflectance), &arriving)| direct + reflectance * arriving).collect()
+        self.world.exitance(&self.light)
     }
 
     /// Every patch, the nearest to the middle of the world first.

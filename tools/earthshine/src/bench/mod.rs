@@ -84,7 +84,7 @@ struct Report<F: Serialize> {
     suite: &'static str,
     scene: String,
     backend: &'static str,
-    solver: &'static str,
+    solver: String,
     seed: u64,
     version: &'static str,
     machine: Machine,
@@ -94,20 +94,13 @@ struct Report<F: Serialize> {
 }
 
 impl<F: Serialize> Report<F> {
-    fn new(
-        suite: &'static str,
-        scene: &str,
-        solver: &'static str,
-        seed: u64,
-        seconds: f64,
-        figures: F,
-    ) -> Self {
+    fn new(suite: &'static str, scene: &str, solver: &str, seed: u64, seconds: f64, figures: F) -> Self {
         let (backend, version) = ("cpu", env!("CARGO_PKG_VERSION"));
         Self {
             suite,
             scene: scene.to_owned(),
             backend,
-            solver,
+            solver: solver.to_owned(),
             seed,
             version,
             machine: Machine::here(),

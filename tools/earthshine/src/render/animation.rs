@@ -65,6 +65,11 @@ impl AnimationArguments {
             || self.picture_every.is_some()
             || self.sun_path.is_some()
     }
+
+    /// Whether a sun's way is given to something else that moves.
+    pub(super) fn has_useless_sun_path(&self) -> bool {
+        self.sun_path.is_some() && self.animation.is_some_and(|moving| moving != Animation::Sun)
+    }
 }
 
 /// Solvers, if none are named.
@@ -159,6 +164,7 @@ impl Stage<'_, '_> {
             let settings = SolverSettings {
                 method: act.method,
                 rebuild_items_per_step: u32::MAX,
+                seed: self.task.arguments.seed as u32,
                 ..SolverSettings::default()
             };
             act.backend.set_solver(&settings)?;
@@ -218,8 +224,9 @@ impl Stage<'_, '_> {
             Ok(sheet::sheet(&labelled, acts.len())?)
         };
         let gif = folder.join("animation.gif");
-        let file = std::fs::File::create(&gif).with_context(|| gif.display().to_string())?;
-        let mut encoder = GifEncoder::new_with_speed(std::io::BufWriter::new(file), GIF_SPEED);
+        // In memory first: the encoder writes its end where it is dropped, and a fault of a file would be lost there.
+        let mut bytes = Vec::new();
+        let mut encoder = GifEncoder::new_with_speed(&mut bytes, GIF_SPEED);
         encoder.set_repeat(Repeat::Infinite)?;
         for at in 0..count {
             let picture = image::DynamicImage::ImageRgb8(together(at)?).into_rgba8();
@@ -227,6 +234,7 @@ impl Stage<'_, '_> {
             encoder.encode_frame(image::Frame::from_parts(picture, 0, 0, delay))?;
         }
         drop(encoder);
+        std::fs::write(&gif, &bytes).with_context(|| gif.display().to_string())?;
         let shown: Vec<usize> = (0..count.min(STRIP_PICTURES))
             .map(|at| at * (count - 1) / (count.min(STRIP_PICTURES) - 1).max(1))
             .collect();

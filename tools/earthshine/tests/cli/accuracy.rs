@@ -1,6 +1,6 @@
 //! `bench accuracy`: reference files that are not, sweeps, worlds, and the causes of errors.
 
-use crate::command::{INPUT, OTHER, Run, USAGE, cornell_world, run};
+use crate::command::{INPUT, OTHER, Run, STORAGE, USAGE, cornell_world, run};
 use std::fs;
 use std::path::Path;
 
@@ -68,6 +68,11 @@ fn our_reference_is_read_back_and_its_points_can_be_chosen() {
     let first = accuracy(desk.path(), &traced).succeeds().json();
     let again = accuracy(desk.path(), &["--reference", "ours.csv"]).succeeds().json();
     assert_eq!(first["median_rel"], again["median_rel"]);
+    accuracy(
+        desk.path(),
+        &["--point-count", "20", "--noise", "0.1", "--write-reference", "nowhere/ours.csv"],
+    )
+    .fails(STORAGE, &["nowhere/ours.csv"]);
     let ours = fs::read_to_string(desk.path().join("ours.csv")).expect("a reference");
     let places: String = ours
         .lines()

@@ -2,7 +2,7 @@
 //!
 //! Exit code 3; the file, the line where there is one, the cause and the cure by name; no trace of a world.
 
-use crate::command::{INPUT, Run, bake, files, run};
+use crate::command::{INPUT, Run, USAGE, bake, files, run};
 use crate::glb::Gltf;
 use image::{DynamicImage, Rgb32FImage, RgbImage};
 use std::path::Path;
@@ -120,5 +120,8 @@ fn sun_paths_that_cannot_be() {
     let course =
         "[course]\ntype = \"solar\"\nlatitude_deg = 95\nday_of_year = 1\nfrom_hour = 0\nto_hour = 24\n";
     fly(&format!("{light}{course}")).fails(INPUT, &["day.toml", "course.latitude_deg is 95", "-90 to 90"]);
+    for seconds in ["--seconds=-1", "--seconds=nan", "--seconds=1e30"] {
+        run(desk.path(), &["fly", seconds]).fails(USAGE, &["--seconds has to be a number"]);
+    }
     run(desk.path(), &["fly", "--sun-path", "none.toml"]).fails(INPUT, &["none.toml", "check the path"]);
 }

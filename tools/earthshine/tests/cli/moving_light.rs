@@ -67,6 +67,9 @@ fn moving_light_is_drawn_by_solvers_side_by_side() {
     with(&["--animation", "sun"]).fails(USAGE, &["--animation needs --world"]);
     with(&["--world", "world", "--solvers", "cdf"]).fails(USAGE, &["need --animation"]);
     with(&["--world", "world", "--animation", "sun", "--solvers", "magic"]).fails(USAGE, &["magic"]);
+    with(&["--world", "world", "--animation", "sun", "--exr"]).fails(USAGE, &["leave --exr and --view out"]);
+    with(&["--world", "world", "--animation", "lamp", "--sun-path", "day.toml"])
+        .fails(USAGE, &["--sun-path needs --animation sun"]);
 }
 
 #[test]

@@ -47,7 +47,7 @@ impl Items {
         }
         let sky = lit.sky_shares[row];
         weights.push(sky);
-        light.push(if sky > 0.0 { lit.sky_irradiance[row] / sky } else { Rgb::ZERO });
+        light.push(if sky > 0.0 { lit.light.sky_irradiance[row] / sky } else { Rgb::ZERO });
         Self { weights, light }
     }
 

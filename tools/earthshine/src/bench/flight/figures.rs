@@ -2,6 +2,7 @@
 
 use super::{FlightArguments, Flown};
 use earthshine_render::chart::{Axis, Chart, Scale, Series};
+use earthshine_render::compare_points::percentile;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -70,8 +71,7 @@ impl Figures {
         let ticks = counters.ticks;
         let mut times: Vec<f64> = flown.ticks.iter().map(|tick| tick.tick_s * 1e3).collect();
         times.sort_by(f64::total_cmp);
-        let quantile =
-            |q: f64| times.get(((times.len().max(1) - 1) as f64 * q) as usize).copied().unwrap_or(0.0);
+        let quantile = |share| if times.is_empty() { 0.0 } else { percentile(&times, share) };
         let (read, tiles) = (flown.footprint.read_bytes() as f64, counters.tile_bytes as f64);
         let session = flown.footprint_session(&stats);
         Self {

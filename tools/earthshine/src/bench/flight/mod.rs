@@ -88,19 +88,23 @@ pub(super) fn run(arguments: &FlightArguments, json: bool) -> anyhow::Result<()>
     .resolve()?;
     config.listen.set_port(0);
     config.admin_listen.set_port(0);
+    let solvers: Vec<&str> =
+        config.engine.solver.by_level.iter().map(|solver| solver.method().name()).collect();
+    let solvers = solvers.join(",");
     let runtime = tokio::runtime::Runtime::new().context("the asynchronous runtime could not start")?;
-    let flown = runtime.block_on(async {
+    let (flown, backend) = runtime.block_on(async {
         let server = Server::bind(config).await?;
-        let observer = server.observer();
+        let (observer, device) = (server.observer(), server.device());
         let options = options(arguments, &server);
         let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
         let serving = tokio::spawn(server.run(async { drop(stopped.await) }));
         let flown = fly(arguments, &options, observer).await;
+        let backend = if device.get().is_some() { "gpu" } else { "cpu" };
         if stop.send(()).is_err() {
             eprintln!("the server stopped by itself; its own error follows");
         }
         serving.await.context("the server's task")??;
-        flown
+        anyhow::Ok((flown?, backend))
     })?;
     let files = match &arguments.plot {
         Some(stem) => chart::write_both(stem, &figures::charts(&flown))?.to_vec(),
@@ -113,7 +117,9 @@ pub(super) fn run(arguments: &FlightArguments, json: bool) -> anyhow::Result<()>
     }
     let scene = arguments.world.display().to_string();
     let seconds = started.elapsed().as_secs_f64();
-    Report::new("flight", &scene, "matrix", arguments.seed, seconds, figures).print(json)
+    let mut report = Report::new("flight", &scene, &solvers, arguments.seed, seconds, figures);
+    report.backend = backend;
+    report.print(json)
 }
 
 fn options(arguments: &FlightArguments, server: &Server) -> FlyOptions {

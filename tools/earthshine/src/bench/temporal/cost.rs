@@ -1,7 +1,7 @@
 //! What a frame costs on one core: every solver, and a dense product of as many patches in the same run.
 
 use super::response::Response;
-use super::subset::Subset;
+use super::subset::{SETTLE_STEPS, Subset};
 use earthshine_radiosity::Backend;
 use earthshine_radiosity::solver::{Method, SolverSettings};
 use serde::Serialize;
@@ -57,7 +57,7 @@ pub(super) fn measure(
         let (mean, worst, idle) = frames(subset, SolverSettings { method, ..*settings })?;
         let error = responses.iter().find(|response| response.solver == method.name());
         let more = error.map_or(1.0, |response| (response.steady_rel_rmse / 0.01).powi(2)).max(1e-9);
-        let at_1_percent = if matches!(method, Method::Alias | Method::Cdf) { mean * more } else { mean };
+        let at_1_percent = if method.is_endless() { mean * more } else { mean };
         solvers.push(SolverCost {
             solver: method.name(),
             ns_per_patch_frame: mean,
@@ -92,9 +92,12 @@ fn frames(subset: &mut Subset, settings: SolverSettings) -> anyhow::Result<(f64,
         sum += ns;
         worst = worst.max(ns);
     }
-    let is_endless = matches!(settings.method, Method::Alias | Method::Cdf);
+    let is_endless = settings.method.is_endless();
+    let mut steps = 0;
     while !is_endless && !subset.backend.is_settled() {
+        anyhow::ensure!(steps < SETTLE_STEPS, "{} did not settle in {SETTLE_STEPS} frames", settings.method);
         subset.backend.step()?;
+        steps += 1;
     }
     let idle_frames = if is_endless { FRAMES as u32 } else { IDLE_FRAMES };
     let started = Instant::now();

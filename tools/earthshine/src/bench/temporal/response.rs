@@ -2,7 +2,7 @@
 
 use super::subset::{Subset, rel_rmse};
 use earthshine_radiosity::Backend;
-use earthshine_radiosity::solver::{Method, SolverSettings};
+use earthshine_radiosity::solver::SolverSettings;
 use serde::Serialize;
 
 /// Histories that a blend is given to reach its steady noise.
@@ -50,6 +50,7 @@ pub(super) fn measure(
     let change = subset.light_before.clone();
     let (mut to_90, mut to_99, mut to_rest, mut noise) = (None, None, None, 0.0);
     let (mut curve, mut next_point) = (Vec::new(), 1.0f64);
+    let noise_frames = NOISE_FRAMES.min(frames.max(1));
     for frame in 1..=frames.max(1) {
         subset.backend.step()?;
         let light = subset.light()?;
@@ -60,13 +61,13 @@ pub(super) fn measure(
             curve.push((frame, left));
             next_point = (f64::from(frame) * CURVE_GROWTH).max(f64::from(frame) + 1.0);
         }
-        if frame + NOISE_FRAMES > frames {
+        if frame + noise_frames > frames {
             noise += rel_rmse(&light, &subset.light_after, |at| subset.light_after[at]);
         }
         if subset.backend.is_settled() {
             to_rest = Some(frame);
             noise =
-                f64::from(NOISE_FRAMES) * rel_rmse(&light, &subset.light_after, |at| subset.light_after[at]);
+                f64::from(noise_frames) * rel_rmse(&light, &subset.light_after, |at| subset.light_after[at]);
             curve.push((frame, left));
             break;
         }
@@ -77,7 +78,7 @@ pub(super) fn measure(
         steady_rel_rmse,
         frames_to_90: to_90,
         frames_to_99: to_99,
-        noise_after_rel: noise / f64::from(NOISE_FRAMES.min(frames.max(1))),
+        noise_after_rel: noise / f64::from(noise_frames),
         moving_rel_rmse,
         is_settled,
         frames_to_rest: to_rest,
@@ -107,7 +108,7 @@ fn moving(subset: &mut Subset, settings: SolverSettings) -> anyhow::Result<f64> 
 fn steady(subset: &mut Subset, settings: SolverSettings, frames: u32) -> anyhow::Result<f64> {
     subset.settle(true)?;
     subset.backend.set_solver(&settings)?;
-    let is_blend = matches!(settings.method, Method::Alias | Method::Cdf);
+    let is_blend = settings.method.is_endless();
     let history = (STEADY_HISTORIES / (1.0 - settings.history_weight)) as u32;
     let frames = if is_blend { history.clamp(1, frames.max(1)) } else { frames };
     for _ in 0..frames {

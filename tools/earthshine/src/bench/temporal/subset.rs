@@ -7,7 +7,7 @@ use earthshine_radiosity::{Backend, Slot};
 use earthshine_world::{LightRig, Rgb};
 
 /// Steps that gathering may take to settle: 0.98 bounces down to 1e-6.
-const SETTLE_STEPS: u32 = 1500;
+pub(super) const SETTLE_STEPS: u32 = 1500;
 /// What emissive surfaces emit before the change.
 const EMISSION_BEFORE: f32 = 0.1;
 
@@ -31,20 +31,16 @@ impl Changes {
             ..lit.rig.clone()
         };
         let before = lit.world.solve(&dim);
-        let leaving = |direct: &[Rgb], arriving: &[Rgb]| -> Vec<Rgb> {
-            let light = direct.iter().zip(&lit.reflectance).zip(arriving);
-            light.map(|((&direct, &reflectance), &arriving)| direct + reflectance * arriving).collect()
-        };
         Self {
             before: Sources {
-                exitance: leaving(&before.direct_exitance, &before.irradiance),
+                exitance: lit.world.exitance(&before),
                 direct: before.direct_exitance,
                 sky: before.sky_irradiance,
             },
             after: Sources {
                 exitance: lit.exitance(),
-                direct: lit.direct_exitance.clone(),
-                sky: lit.sky_irradiance.clone(),
+                direct: lit.light.direct_exitance.clone(),
+                sky: lit.light.sky_irradiance.clone(),
             },
         }
     }
