@@ -11,7 +11,7 @@ use tonic::{Request, Status};
 pub struct Credentials {
     /// Sent as `authorization: Bearer ...`. Over `http://` everyone on the way can read it.
     pub bearer_token: Option<String>,
-    /// PEM of a certificate that `https://` servers may be signed by, besides those the system trusts.
+    /// PEM of a certificate that `https://` servers have to be signed by, instead of those the system trusts.
     pub ca_certificate_pem: Option<String>,
 }
 
@@ -28,10 +28,11 @@ impl std::fmt::Debug for Credentials {
 impl Credentials {
     /// For `https://` addresses.
     pub(crate) fn tls(&self) -> ClientTlsConfig {
-        let config = ClientTlsConfig::new().with_native_roots();
+        let config = ClientTlsConfig::new();
         match &self.ca_certificate_pem {
+            // Not beside the system's: a bare container has none, and asking for them would fail there.
             Some(pem) => config.ca_certificate(Certificate::from_pem(pem)),
-            None => config,
+            None => config.with_native_roots(),
         }
     }
 

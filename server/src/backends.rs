@@ -3,7 +3,7 @@
 use crate::config::{BackendKind, Config};
 use crate::error::ServerError;
 use earthshine_engine::{BackendFactory, SolverConfig, SolverName};
-use earthshine_gpu::{AdapterChoice, GpuBackend, GpuDevice, GpuError, memory};
+use earthshine_gpu::{AdapterChoice, GpuBackend, GpuDevice, memory};
 use earthshine_radiosity::solver::{Method, SolverBackend, SolverSettings};
 use earthshine_radiosity::{Backend, BackendError, CpuBackend, LocalMatrix, Slot};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -24,52 +24,71 @@ impl CurrentDevice {
     }
 }
 
-/// Opens the device that `config` asks for, and builds what computes: as many slots as asked for, or fewer if there is no
-/// memory for them.
-///
-/// # Errors
-/// [`ServerError::Gpu`], [`ServerError::GpuSlots`].
-pub(crate) fn backends(config: &Config) -> Result<(BackendFactory, CurrentDevice), ServerError> {
-    let current = CurrentDevice::default();
-    let choice = AdapterChoice { name: config.gpu_adapter.clone(), allow_software: false };
-    match (config.backend, open(config, &choice)) {
-        (BackendKind::Cpu, _) | (_, None) => return Ok((Box::new(on_cpu), current)),
-        (_, Some(Ok(device))) => {
-            fits(config, &device)?;
-            tracing::info!(adapter = device.name(), "computing on a device");
-            current.set(Some(device));
+/// Where levels are computed, found once at the start. Clones share the device.
+#[derive(Debug, Clone)]
+pub(crate) struct Backends {
+    current: CurrentDevice,
+    /// None: the CPU.
+    choice: Option<AdapterChoice>,
+    strict: bool,
+}
+
+impl Backends {
+    /// Opens the device that `config` asks for.
+    ///
+    /// # Errors
+    /// [`ServerError::Gpu`], [`ServerError::GpuSlots`].
+    pub(crate) fn open(config: &Config) -> Result<Self, ServerError> {
+        let mut backends =
+            Self { current: CurrentDevice::default(), choice: None, strict: config.gpu_strict };
+        if config.backend == BackendKind::Cpu {
+            return Ok(backends);
         }
-        (BackendKind::Auto, Some(Err(error))) => {
-            tracing::warn!(%error, "computing on the CPU");
-            return Ok((Box::new(on_cpu), current));
+        let choice = AdapterChoice { name: config.gpu_adapter.clone(), allow_software: false };
+        match GpuDevice::open(&choice) {
+            Ok(device) => {
+                fits(config, &device)?;
+                tracing::info!(adapter = device.name(), "computing on a device");
+                backends.current.set(Some(device));
+                backends.choice = Some(choice);
+            }
+            Err(error) if config.backend == BackendKind::Auto => {
+                tracing::warn!(%error, "computing on the CPU");
+            }
+            Err(error) => return Err(ServerError::Gpu(error)),
         }
-        (BackendKind::Gpu, Some(Err(error))) => return Err(ServerError::Gpu(error)),
+        Ok(backends)
     }
-    let (shared, strict) = (current.clone(), config.gpu_strict);
-    let build = move |wanted| match reopened(&shared, &choice) {
-        Some(device) => on_device(&device, wanted, strict),
-        None => on_cpu(wanted),
-    };
-    Ok((Box::new(build), current))
-}
 
-/// Backends that solve as the configuration says, with matrices of `matrices` where they need one.
-pub(crate) fn solving(matrices: BackendFactory, config: &SolverConfig) -> BackendFactory {
-    let matrices = Arc::new(Mutex::new(matrices));
-    // A matrix says first how many slots there is memory for.
-    let needs_matrix = config.audit_every_ticks > 0 || config.by_level.contains(&SolverName::Matrix);
-    let method = if needs_matrix { Method::Matrix } else { Method::Gather };
-    Box::new(move |capacity| {
-        let matrices = Arc::clone(&matrices);
-        let make = move |capacity| (matrices.lock().unwrap_or_else(PoisonError::into_inner))(capacity);
-        // The engine tells each level's solver.
-        let settings = SolverSettings { method, ..SolverSettings::default() };
-        Ok(Box::new(SolverBackend::new(capacity, settings, Box::new(make))?) as Box<dyn Backend>)
-    })
-}
+    /// The device, now and after it was opened again.
+    pub(crate) fn device(&self) -> CurrentDevice {
+        self.current.clone()
+    }
 
-fn open(config: &Config, choice: &AdapterChoice) -> Option<Result<GpuDevice, GpuError>> {
-    (config.backend != BackendKind::Cpu).then(|| GpuDevice::open(choice))
+    /// Local matrices with as many slots as asked for, or fewer if there is no memory for them.
+    fn matrices(&self) -> BackendFactory {
+        let Some(choice) = self.choice.clone() else { return Box::new(on_cpu) };
+        let (current, strict) = (self.current.clone(), self.strict);
+        Box::new(move |wanted| match reopened(&current, &choice) {
+            Some(device) => on_device(&device, wanted, strict),
+            None => on_cpu(wanted),
+        })
+    }
+
+    /// Backends that solve as `config` says, with matrices where they need one.
+    pub(crate) fn solving(&self, config: &SolverConfig) -> BackendFactory {
+        let matrices = Arc::new(Mutex::new(self.matrices()));
+        // A matrix says first how many slots there is memory for.
+        let needs_matrix = config.audit_every_ticks > 0 || config.by_level.contains(&SolverName::Matrix);
+        let method = if needs_matrix { Method::Matrix } else { Method::Gather };
+        Box::new(move |capacity| {
+            let matrices = Arc::clone(&matrices);
+            let make = move |capacity| (matrices.lock().unwrap_or_else(PoisonError::into_inner))(capacity);
+            // The engine tells each level's solver.
+            let settings = SolverSettings { method, ..SolverSettings::default() };
+            Ok(Box::new(SolverBackend::new(capacity, settings, Box::new(make))?) as Box<dyn Backend>)
+        })
+    }
 }
 
 /// A matrix as large as configured fits the device's limits, or less is said, or refused if `gpu_strict`.
@@ -153,12 +172,12 @@ mod tests {
     #[test]
     fn without_an_adapter_gpu_is_refused_and_auto_computes_on_the_cpu() {
         let name = "an adapter that nobody has";
-        let Err(error) = backends(&config(BackendKind::Gpu, name)) else { panic!("there is none") };
+        let Err(error) = Backends::open(&config(BackendKind::Gpu, name)) else { panic!("there is none") };
         assert!(matches!(error, ServerError::Gpu(_)) && error.exit_code() == 5, "{error}");
         for kind in [BackendKind::Auto, BackendKind::Cpu] {
-            let (mut build, device) = backends(&config(kind, name)).expect("the CPU is there");
-            assert_eq!(build(8).expect("a small matrix").capacity(), 8);
-            assert!(device.get().is_none());
+            let backends = Backends::open(&config(kind, name)).expect("the CPU is there");
+            assert_eq!(backends.matrices()(8).expect("a small matrix").capacity(), 8);
+            assert!(backends.device().get().is_none());
         }
     }
 

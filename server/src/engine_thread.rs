@@ -12,7 +12,7 @@ use crate::takeover::{Attending, Takeover};
 use crate::tile_loader::TileRequests;
 use crate::world_watch::NextWorld;
 use earthshine_engine::{Command, Engine, EngineStats, Event, Frame, SessionId};
-use earthshine_world::{Camera, ChunkId, LightRig};
+use earthshine_world::{Camera, ChunkId, LightRig, WorldIndex};
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -136,7 +136,9 @@ pub(crate) struct EngineThread {
     /// Decoded and failed tiles.
     pub(crate) tiles: Receiver<Event>,
     /// New states of the world.
-    pub(crate) worlds: Receiver<NextWorld>,
+    pub(crate) worlds: mpsc::Receiver<NextWorld>,
+    /// What is in the world that is served, for sessions to come.
+    pub(crate) served: watch::Sender<Arc<WorldIndex>>,
     /// Where tiles are asked for.
     pub(crate) requests: Arc<TileRequests>,
     /// Where each tick is reported.
@@ -308,6 +310,7 @@ impl Running {
         let Takeover { next, frames, turned_away, .. } = takeover;
         (self.shell.engine, self.shell.tiles, self.shell.requests) = (next.engine, next.tiles, next.requests);
         self.turned_away = turned_away;
+        self.shell.served.send_replace(next.index);
         for (session, frame) in frames {
             if let Some(client) = self.clients.get(&session)
                 && let Some(camera) = client.camera
@@ -385,7 +388,7 @@ mod tests {
     /// Goal: an engine that breaks ends the service with its own words. Method: a backend that panics when built.
     #[tokio::test]
     async fn a_thread_that_breaks_says_why() {
-        use earthshine_world::{Bounds, ChunkCoord, ChunkSummary, Grid, LightRig, WorldIndex};
+        use earthshine_world::{Bounds, ChunkCoord, ChunkSummary, Grid};
         let id = ChunkId::new(0, ChunkCoord::ZERO);
         let index = WorldIndex {
             grid: Grid { voxel_edge_m: 1.0, chunk_edge_voxels: 16 },
@@ -393,17 +396,19 @@ mod tests {
             chunks: vec![ChunkSummary { id, patch_count: 1, nonzero_count: 0, tile_bytes: 1 }],
             lights: LightRig::emission_only(),
         };
+        let (served, _) = watch::channel(Arc::new(index.clone()));
         let engine = Engine::new(index, Default::default(), Box::new(|_| panic!("no such device"))).unwrap();
         let metrics = Arc::new(Metrics::new());
         let (open, openings) = mpsc::channel(1);
         let (_answers, tiles) = std::sync::mpsc::sync_channel(1);
-        let (_next, worlds) = std::sync::mpsc::sync_channel(1);
+        let (_next, worlds) = mpsc::channel(1);
         let thread = EngineThread {
             engine,
             period: Duration::from_millis(1),
             openings,
             tiles,
             worlds,
+            served,
             requests: Arc::new(TileRequests::new(1)),
             report: Arc::default(),
             ticks: Arc::default(),

@@ -149,7 +149,7 @@ impl Lighting for Listener {
         }
         check_world(request.get_ref().world.as_deref(), &self.shared.world)
             .map_err(|refusal| Status::not_found(refusal.cause))?;
-        Ok(Response::new(reply::world_info(&self.shared.world, &self.shared.index)))
+        Ok(Response::new(reply::world_info(&self.shared.world, &self.shared.index.borrow())))
     }
 }
 

@@ -4,7 +4,7 @@
 
 use crate::ServerError;
 use crate::admin::{self, Admin};
-use crate::backends::{CurrentDevice, backends, solving};
+use crate::backends::{Backends, CurrentDevice};
 use crate::config::Config;
 use crate::config::load::seconds;
 use crate::engine_thread::{EngineHandle, EngineThread, SharedReport};
@@ -28,7 +28,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use tokio::net::TcpListener;
-use tokio::sync::mpsc;
+use tokio::sync::{mpsc, watch};
 use tokio::task::JoinHandle;
 use tokio_rustls::TlsAcceptor;
 use tokio_util::sync::CancellationToken;
@@ -47,7 +47,7 @@ pub struct Server {
     manifest: Manifest,
     store: Arc<dyn TileStore>,
     engine: Engine,
-    device: CurrentDevice,
+    backends: Backends,
     report: Arc<SharedReport>,
     ticks: Arc<TickLog>,
     listener: TcpListener,
@@ -89,9 +89,9 @@ impl Server {
             return Err(ServerError::ClusteredWorld { world: config.world });
         }
         let index = store.manifest().index();
-        let (matrices, device) = backends(&config)?;
-        let backends = solving(matrices, &config.engine.solver);
-        let engine = Engine::new(index.clone(), config.engine.clone(), backends)
+        let backends = Backends::open(&config)?;
+        let solving = backends.solving(&config.engine.solver);
+        let engine = Engine::new(index.clone(), config.engine.clone(), solving)
             .map_err(ServerError::Index)?
             .with_promise(promise::promise(&config, &index, &store));
         let (listener, local_addr) = bind("listen", config.listen).await?;
@@ -104,7 +104,7 @@ impl Server {
             manifest: store.manifest().clone(),
             store: Arc::new(store),
             engine,
-            device,
+            backends,
             report: Arc::default(),
             ticks: Arc::default(),
             listener,
@@ -118,7 +118,7 @@ impl Server {
     /// The device that computes, now and after it was opened again.
     #[must_use]
     pub fn device(&self) -> CurrentDevice {
-        self.device.clone()
+        self.backends.device()
     }
 
     /// Where clients connect.
@@ -151,7 +151,7 @@ impl Server {
         self.engine.promise()
     }
 
-    /// What is in the world.
+    /// What is in the world as it was found at the start.
     #[must_use]
     pub fn world_index(&self) -> &WorldIndex {
         &self.index
@@ -196,15 +196,22 @@ impl Server {
         let requests_max = config.engine.tiles_in_flight_max;
         let loader = TileLoader::start(&self.store, config.loader_threads, requests_max, &answers, &metrics)
             .map_err(|cause| ServerError::System { what: "a loader thread", cause })?;
-        let (next, worlds) = std::sync::mpsc::sync_channel(1);
-        let watch =
-            WorldWatch { config: config.clone(), known: self.manifest, next, metrics: Arc::clone(&metrics) };
+        let (next, worlds) = mpsc::channel(1);
+        let (served, index) = watch::channel(Arc::new(self.index));
+        let watch = WorldWatch {
+            config: config.clone(),
+            known: self.manifest,
+            backends: self.backends,
+            next,
+            metrics: Arc::clone(&metrics),
+        };
         let thread = EngineThread {
             engine: self.engine,
             period: seconds(1.0 / config.tick_rate_hz),
             openings: opened,
             tiles,
             worlds,
+            served,
             requests: Arc::clone(&loader.requests),
             report: Arc::clone(&report),
             ticks: self.ticks,
@@ -228,7 +235,7 @@ impl Server {
         let shared = Shared {
             config,
             world: self.world,
-            index: self.index,
+            index,
             openings,
             report,
             metrics,

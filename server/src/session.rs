@@ -36,8 +36,8 @@ pub(crate) struct Shared {
     pub(crate) config: Config,
     /// Name of the world.
     pub(crate) world: String,
-    /// What is in it.
-    pub(crate) index: WorldIndex,
+    /// What is in it; a world that is taken over brings its own. A session keeps the levels that it began with.
+    pub(crate) index: watch::Receiver<Arc<WorldIndex>>,
     /// To the engine's thread.
     pub(crate) openings: mpsc::Sender<Opening>,
     /// From the engine's thread.
@@ -151,7 +151,8 @@ async fn converse(
         lights_max: config.engine.lights_max,
         message_bytes_max: config.message_bytes_max,
     };
-    let welcome = reply::welcome(protocol, session.0, &shared.world, &shared.index, limits);
+    let index = shared.index.borrow().clone();
+    let welcome = reply::welcome(protocol, session.0, &shared.world, &index, limits);
     if outbound.send(Ok(welcome)).await.is_err() {
         return End::Left;
     }
@@ -165,7 +166,7 @@ async fn converse(
         session,
         mailbox,
         frames,
-        streams: Streams::new(&volumes_wanted, &shared.index, limits),
+        streams: Streams::new(&volumes_wanted, &index, limits),
         frame_number: 0,
         camera_waiting: None,
         camera_at: Instant::now(),

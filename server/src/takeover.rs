@@ -3,7 +3,8 @@
 //! Both hear the same sessions, cameras and lights. Clients see the old one's frames until the new one has what every
 //! camera wants, and the new one's from then on: no frame is missing, none mixes two states of the world, and the
 //! light afterwards is that of a server that was started afresh. The price is two engines' memory and work meanwhile.
-//! An engine takes over after [`PATIENCE`] in any case: a camera that never rests must not keep a world for ever.
+//! An engine takes over after [`PATIENCE`] in any case: a camera that never rests must not keep a world for ever, nor must
+//! a backend that finds no room beside the running one. Clients keep the old frame until the new engine has one.
 
 use crate::world_watch::NextWorld;
 use earthshine_engine::{Command, Event, Frame, SessionId};
@@ -86,7 +87,10 @@ impl Takeover {
             }
         }
         let waited = self.began.elapsed();
-        watching.iter().all(|session| self.frames.get(session).is_some_and(|frame| is_good(frame, waited)))
+        waited >= PATIENCE
+            || watching
+                .iter()
+                .all(|session| self.frames.get(session).is_some_and(|frame| is_good(frame, waited)))
     }
 }
 
@@ -96,5 +100,5 @@ fn is_good(frame: &Frame, waited: Duration) -> bool {
     let is_nearly = quality.wanted_patches > 0
         && u64::from(quality.resident_patches) * 20 >= u64::from(quality.wanted_patches) * 19
         && quality.stale_direct == 0;
-    quality.settled || (waited >= SETTLING && is_nearly) || waited >= PATIENCE
+    quality.settled || (waited >= SETTLING && is_nearly)
 }

@@ -4,8 +4,7 @@
 //! same grid) becomes an engine and a loader of its own, which [`crate::takeover`] brings in beside the running ones.
 //! Anything else is refused with its reason, said and counted, and the world goes on being served as it was.
 
-use crate::ServerError;
-use crate::backends::{backends, solving};
+use crate::backends::Backends;
 use crate::config::Config;
 use crate::config::load::seconds;
 use crate::metrics::Metrics;
@@ -13,16 +12,21 @@ use crate::promise::promise;
 use crate::tile_loader::{TileLoader, TileRequests};
 use earthshine_engine::{Engine, EngineError, Event};
 use earthshine_tiles::{DirStore, Manifest, TileError, TileStore};
+use earthshine_world::WorldIndex;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, SyncSender};
+use std::sync::mpsc::Receiver;
 use std::time::SystemTime;
+use tokio::sync::mpsc::Sender;
+use tokio::sync::mpsc::error::TrySendError;
 use tokio_util::sync::CancellationToken;
 
 /// A new state of the world, ready to be taken over.
 pub(crate) struct NextWorld {
     /// With nothing loaded and nobody connected.
     pub(crate) engine: Engine,
+    /// What is in it.
+    pub(crate) index: Arc<WorldIndex>,
     /// What its loader answers.
     pub(crate) tiles: Receiver<Event>,
     /// What its loader is asked.
@@ -40,8 +44,6 @@ enum Refusal {
     OtherParameters,
     #[error(transparent)]
     Index(#[from] EngineError),
-    #[error(transparent)]
-    Backend(#[from] Box<ServerError>),
     #[error("no loader thread: {0}")]
     System(#[from] std::io::Error),
 }
@@ -49,10 +51,12 @@ enum Refusal {
 /// Watches the folder of a world that is being served.
 pub(crate) struct WorldWatch {
     pub(crate) config: Config,
-    /// What is served, or was refused last.
+    /// What is served, or about to be.
     pub(crate) known: Manifest,
+    /// Those of the running engine.
+    pub(crate) backends: Backends,
     /// To the engine's thread; has room for one.
-    pub(crate) next: SyncSender<NextWorld>,
+    pub(crate) next: Sender<NextWorld>,
     pub(crate) metrics: Arc<Metrics>,
 }
 
@@ -88,25 +92,24 @@ impl WorldWatch {
 
     /// Whether this state of the manifest needs no other look.
     fn look(mut self) -> (Self, bool) {
-        let is_done = match self.prepare() {
-            Ok(None) => true,
+        // Nothing is made that there is no room for.
+        let next = self.next.clone();
+        let room = match next.try_reserve() {
+            Ok(room) => room,
+            Err(error) => return (self, matches!(error, TrySendError::Closed(()))),
+        };
+        match self.prepare() {
+            Ok(None) => {}
             Ok(Some((manifest, next))) => {
-                let requests = Arc::clone(&next.requests);
-                let is_taken = self.next.try_send(next).is_ok();
-                if is_taken {
-                    self.known = manifest;
-                } else {
-                    requests.stop();
-                }
-                is_taken
+                room.send(next);
+                self.known = manifest;
             }
             Err(refusal) => {
                 self.metrics.worlds_refused.inc();
                 tracing::warn!(%refusal, world = %self.config.world.display(), "the world changed and is not taken");
-                true
             }
-        };
-        (self, is_done)
+        }
+        (self, true)
     }
 
     fn prepare(&self) -> Result<Option<(Manifest, NextWorld)>, Refusal> {
@@ -119,17 +122,16 @@ impl WorldWatch {
             return Err(Refusal::OtherParameters);
         }
         let config = &self.config;
-        let (matrices, _device) = backends(config).map_err(Box::new)?;
-        let backends = solving(matrices, &config.engine.solver);
-        let index = manifest.index();
+        let index = Arc::new(manifest.index());
         let promised = promise(config, &index, &store);
-        let engine = Engine::new(index, config.engine.clone(), backends)?.with_promise(promised);
+        let backends = self.backends.solving(&config.engine.solver);
+        let engine = Engine::new((*index).clone(), config.engine.clone(), backends)?.with_promise(promised);
         let (answers, tiles) = std::sync::mpsc::sync_channel(config.tile_queue as usize);
         let store: Arc<dyn TileStore> = Arc::new(store);
         let requests_max = config.engine.tiles_in_flight_max;
         // Its threads end when its requests are stopped.
         let loader = TileLoader::start(&store, config.loader_threads, requests_max, &answers, &self.metrics)?;
-        Ok(Some((manifest, NextWorld { engine, tiles, requests: loader.requests })))
+        Ok(Some((manifest, NextWorld { engine, index, tiles, requests: loader.requests })))
     }
 }
 

@@ -213,6 +213,9 @@ fn nothing_changed_is_the_same_to_the_bit(backend: &mut dyn Backend) {
     }
     assert_eq!(lit(backend, &slots, &sources, &sources), first, "the same sources are no change");
     assert_eq!(backend.apply(&[]), Ok(ApplyStats::default()));
+    backend.drift(1);
+    assert_eq!(lit(backend, &slots, &sources, &sources), first, "nor does a probe change any");
+    backend.set_sources(&slots, &sources, &sources).expect("sources of residents");
     assert!(!backend.step().expect("a device that works").recomputed);
     // In the order asked.
     let reversed: Vec<Slot> = slots.iter().rev().copied().collect();

@@ -1,6 +1,6 @@
 //! A world that is baked again under a running server: taken over without a missing frame, or refused.
 
-use earthshine_client::{Client, Light, Vec3};
+use earthshine_client::{Client, ClientOptions, Light, Vec3};
 use earthshine_gen::fixtures;
 use earthshine_scene::Scene;
 use earthshine_tests::agreement::{assert_is, served_patches};
@@ -78,6 +78,9 @@ async fn an_edited_world_is_taken_over_without_a_missing_frame() {
     let seen = watch(&mut client, |light| places(light) == after).await;
     // The old world or the new one; never a mixture, never a hole.
     assert!(seen.iter().all(|places| *places == before || *places == after));
+    let described =
+        earthshine_client::world(&served.uri, &ClientOptions::default()).await.expect("a description");
+    assert_eq!(described.patch_count, world.patch_count() as u64, "who comes now is told of the new state");
     let light = settled_at(&mut client, INSIDE + Vec3::X * 0.01).await;
     assert_is(&solved, &solved.solve(&solved.lights), &light);
     client.close().await;

@@ -201,12 +201,14 @@ impl Backend for GpuBackend {
                 }
             }
         }
+        let mut differ = false;
         for ((slot, &direct), &outside) in slots.iter().zip(direct_exitance).zip(outside_irradiance) {
             let at = slot.0 as usize;
-            self.are_sources_new |= Self::put(&mut self.own, at, direct);
-            self.are_sources_new |= Self::put(&mut self.outside, at, outside);
+            differ |= Self::put(&mut self.own, at, direct);
+            differ |= Self::put(&mut self.outside, at, outside);
         }
-        self.changed |= self.are_sources_new;
+        self.are_sources_new |= differ;
+        self.changed |= differ;
         Ok(())
     }
 
@@ -314,7 +316,6 @@ impl Backend for GpuBackend {
     fn resolve(&mut self) -> Result<(), BackendError> {
         self.matrix.device().check()?;
         self.matrix.resolve()?;
-        self.matrix.restart_repair();
         self.changed = true;
         Ok(())
     }

@@ -51,6 +51,8 @@ pub enum ConfigError {
     },
 }
 
+/// Smallest time (s) or rate (Hz, MB/s) a key may ask for.
+const TIME_OR_RATE_MIN: f64 = 1e-3;
 /// Longest time-out a key may ask for, s.
 const TIMEOUT_MAX_S: f64 = 86_400.0;
 /// Fastest rate a key may ask for, Hz.
@@ -143,14 +145,18 @@ impl Config {
             ("tick_rate_hz", self.tick_rate_hz, RATE_MAX_HZ),
             ("tile_rate_mb_s", self.tile_rate_mb_s, TILE_RATE_MAX_MB_S),
         ];
-        if !(0.0..=TIMEOUT_MAX_S).contains(&self.world_poll_s) {
-            let value = format!("{} (0 to {TIMEOUT_MAX_S})", self.world_poll_s);
+        let never_or_poll = [0.0..=0.0, TIME_OR_RATE_MIN..=TIMEOUT_MAX_S];
+        if !never_or_poll.iter().any(|range| range.contains(&self.world_poll_s)) {
+            let value = format!("{} (0, or {TIME_OR_RATE_MIN} to {TIMEOUT_MAX_S})", self.world_poll_s);
             return Err(refuse("world_poll_s", value, "outside of what is allowed"));
         }
         for (key, value, most) in times {
-            // Written so that NaN is refused too.
-            if !(value > 0.0 && value <= most) {
-                return Err(refuse(key, format!("{value} (at most {most})"), "must be a number above zero"));
+            if !(TIME_OR_RATE_MIN..=most).contains(&value) {
+                return Err(refuse(
+                    key,
+                    format!("{value} ({TIME_OR_RATE_MIN} to {most})"),
+                    "outside of what is allowed",
+                ));
             }
         }
         Ok(())
@@ -228,6 +234,9 @@ mod tests {
             config.validate().unwrap_err().to_string()
         };
         assert!(refusal("tick_rate_hz = nan").contains("tick_rate_hz"));
+        for key in ["world_poll_s", "statistics_interval_s"] {
+            assert!(refusal(&format!("{key} = 1e-10")).contains(key));
+        }
         assert!(refusal("tile_queue = 0").contains("tile_queue"));
         assert!(refusal("volume_dims_max = [64, 64, 2000]").contains("volume_dims_max"));
         assert!(refusal("connections_max = 8").contains("sessions_max"));

@@ -13,6 +13,17 @@ pub(super) fn a_loop_without_loss_is_refused_and_counted(backend: &mut dyn Backe
     let stats = backend.apply(&[add(0, 0.5, vec![], vec![])]).expect("a free slot");
     assert_eq!(stats, ApplyStats { added: 1, ..ApplyStats::default() });
     assert!(backend.is_taken(Slot(0)));
+    // Whoever named a refused patch of the same batch sees nothing there, nor does the next one in that slot.
+    if backend.capacity() > 2 {
+        let mirror = add(1, 0.98, vec![(Slot(1), 1.0)], vec![]);
+        let names_it = add(2, 0.5, vec![(Slot(1), 0.5)], vec![(Slot(1), 0.5)]);
+        let stats = backend.apply(&[mirror, names_it]).expect("within the contract");
+        assert_eq!(stats, ApplyStats { added: 1, weak_pivots: 1, removed: 0 });
+        backend.apply(&[add(1, 0.5, vec![], vec![])]).expect("a free slot");
+        let slots = [Slot(0), Slot(1), Slot(2)];
+        let arriving = [Rgb::ONE; 3];
+        assert_eq!(lit(backend, &slots, &arriving, &arriving), arriving, "nobody sees anybody");
+    }
 }
 
 /// Good updates followed by each kind of bad one: light and slots stay the same to the bit.

@@ -14,7 +14,7 @@ pub(crate) struct ConnectArguments {
     /// Token the server asks for; prefer the environment, flags show in process lists.
     #[arg(long, env = "EARTHSHINE_BEARER_TOKEN", hide_env_values = true, value_name = "TOKEN")]
     bearer_token: Option<String>,
-    /// PEM file of a certificate that the server's may be signed by, besides those the system trusts.
+    /// PEM file of a certificate that the server's has to be signed by, instead of those the system trusts.
     #[arg(long, value_name = "FILE")]
     ca_certificate: Option<PathBuf>,
 }

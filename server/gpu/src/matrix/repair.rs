@@ -37,11 +37,6 @@ impl GpuMatrix {
         }
     }
 
-    /// Starts the next repair with the first patch.
-    pub(crate) fn restart_repair(&mut self) {
-        self.repair_from = 0;
-    }
-
     fn refine(&mut self, slots: &[u32]) -> Result<(), BackendError> {
         if slots.is_empty() {
             return Ok(());
@@ -88,6 +83,7 @@ impl GpuMatrix {
             block.iter().for_each(|&slot| present[slot as usize] = residents[slot as usize]);
         }
         self.upload(&self.buffers.residents, &residents);
+        self.repair_from = 0;
         Ok(())
     }
 

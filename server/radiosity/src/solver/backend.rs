@@ -145,9 +145,12 @@ impl SolverBackend {
             self.matrix_wanted()?;
             self.settings = settings;
             self.enter_matrix_if_whole()?;
-        } else if settings.method != self.method() {
+        } else {
+            // Also one that was asked for and not whole yet.
             self.leave_matrix();
-            self.enter(settings.method);
+            if settings.method != self.method() {
+                self.enter(settings.method);
+            }
         }
         self.settings = settings;
         self.changed = true;

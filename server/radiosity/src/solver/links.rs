@@ -87,7 +87,8 @@ impl LinkRows {
         1.0 - crate::tables::masses::total_of(shares)
     }
 
-    /// A patch enters a free slot. `row` names taken slots, itself included; twice named, shares add up.
+    /// A patch enters a free slot. `row` names slots, itself included; twice named, shares add up. Free slots are passed
+    /// over: whoever a batch names may have been refused in it.
     pub(crate) fn add(
         &mut self,
         slot: usize,
@@ -99,7 +100,7 @@ impl LinkRows {
         self.reflectance[slot] = reflectance;
         self.taken_count += 1;
         let mut own = std::mem::take(&mut self.rows[slot]);
-        for (other, share) in row.filter(|&(_, share)| share > 0.0) {
+        for (other, share) in row.filter(|&(other, share)| share > 0.0 && self.areas[other] > 0.0) {
             match own.iter_mut().rev().take(4).find(|link| link.slot == other as u32) {
                 Some(link) => link.share += share,
                 None => own.push(Link { slot: other as u32, share }),
@@ -163,5 +164,15 @@ mod tests {
         assert_eq!(count, rows.link_count());
         let seen: f32 = rows.row(1).iter().map(|link| link.share).sum();
         assert!((rows.outside_share(1, &mut Vec::new()) - (1.0 - seen)).abs() < 1e-6);
+    }
+
+    /// Goal: whoever names a free slot plants nothing in it.
+    #[test]
+    fn free_slots_are_passed_over() {
+        let mut rows = LinkRows::new(2);
+        rows.add(0, 1.0, Rgb::ONE, [(0, 0.25), (1, 0.5)].into_iter());
+        assert_eq!((rows.link_count(), rows.row(0).len()), (1, 1));
+        rows.add(1, 1.0, Rgb::ONE, [].into_iter());
+        assert!(rows.row(1).is_empty());
     }
 }
