@@ -1,12 +1,22 @@
-//! The operators' port: `/metrics` for Prometheus, `/health` (restart me if not) and `/ready` (send clients).
+//! The operators' port: `/metrics` for Prometheus, `/health` (restart me if not), `/ready` (send clients), and `/solver`,
+//! which says how light is solved and changes it:
 //!
-//! Plain HTTP/1.1, no secrets; bound to loopback unless configured otherwise.
+//! ```sh
+//! curl http://127.0.0.1:7462/solver
+//! curl -X PUT --data 'by_level = ["hybrid"]' http://127.0.0.1:7462/solver
+//! ```
+//!
+//! Plain HTTP/1.1; bound to loopback unless configured otherwise. Whoever changes something shows the token that clients
+//! show, if there is one (`-H "authorization: Bearer TOKEN"`); reading is free.
 
+use crate::config::Secret;
 use crate::engine_thread::SharedReport;
+use crate::listener::is_bearer;
 use crate::metrics::Metrics;
+use crate::solver_wish::{SolverWish, WISH_BYTES_MAX};
 use axum::Router;
-use axum::extract::State;
-use axum::http::{StatusCode, header};
+use axum::extract::{DefaultBodyLimit, State};
+use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use std::sync::Arc;
@@ -29,6 +39,10 @@ pub(crate) struct Admin {
     pub(crate) report: Arc<SharedReport>,
     /// Set while the service drains.
     pub(crate) draining: Arc<AtomicBool>,
+    /// How light is solved.
+    pub(crate) solver: Arc<SolverWish>,
+    /// What whoever changes something has to show; empty for nothing.
+    pub(crate) token: Secret,
 }
 
 /// Serves until `stop`.
@@ -41,6 +55,8 @@ pub(crate) async fn serve(
         .route("/metrics", get(metrics))
         .route("/health", get(health))
         .route("/ready", get(ready))
+        .route("/solver", get(solver).put(change_solver))
+        .layer(DefaultBodyLimit::max(WISH_BYTES_MAX))
         .with_state(admin);
     axum::serve(listener, router).with_graceful_shutdown(stop.cancelled_owned()).await
 }
@@ -67,4 +83,25 @@ async fn ready(State(admin): State<Admin>) -> (StatusCode, &'static str) {
         Some(_) => (StatusCode::OK, "ready\n"),
         None => (StatusCode::SERVICE_UNAVAILABLE, "starting\n"),
     }
+}
+
+async fn solver(State(admin): State<Admin>) -> String {
+    admin.solver.text()
+}
+
+/// Answers with all settings, which hold from the next tick on. A level whose backend cannot do it says so in the log and
+/// goes on as before.
+async fn change_solver(
+    State(admin): State<Admin>,
+    headers: HeaderMap,
+    wish: String,
+) -> Result<String, (StatusCode, String)> {
+    let given = headers.get(header::AUTHORIZATION).map_or(&[][..], |value| value.as_bytes());
+    if !is_bearer(given, &admin.token.0) {
+        let cause = "the token is missing or wrong: send `authorization: Bearer TOKEN`\n";
+        return Err((StatusCode::UNAUTHORIZED, cause.to_owned()));
+    }
+    let changed = admin.solver.change(&wish).map_err(|cause| (StatusCode::BAD_REQUEST, cause + "\n"))?;
+    tracing::info!(wish, "light is solved otherwise");
+    Ok(changed)
 }

@@ -2,7 +2,7 @@
 
 use crate::config::{BackendKind, Config};
 use crate::error::ServerError;
-use earthshine_engine::{BackendFactory, SolverConfig, SolverName};
+use earthshine_engine::{BackendFactory, SolverConfig};
 use earthshine_gpu::{AdapterChoice, GpuBackend, GpuDevice, memory};
 use earthshine_radiosity::solver::{Method, SolverBackend, SolverSettings};
 use earthshine_radiosity::{Backend, BackendError, CpuBackend, LocalMatrix, Slot};
@@ -79,7 +79,9 @@ impl Backends {
     pub(crate) fn solving(&self, config: &SolverConfig) -> BackendFactory {
         let matrices = Arc::new(Mutex::new(self.matrices()));
         // A matrix says first how many slots there is memory for.
-        let needs_matrix = config.audit_every_ticks > 0 || config.by_level.contains(&SolverName::Matrix);
+        let of_level = |level: usize| config.settings(u8::try_from(level).unwrap_or(u8::MAX), 0);
+        let needs_matrix = config.audit_every_ticks > 0
+            || (0..config.by_level.len()).any(|level| of_level(level).needs_matrix());
         let method = if needs_matrix { Method::Matrix } else { Method::Gather };
         Box::new(move |capacity| {
             let matrices = Arc::clone(&matrices);

@@ -28,7 +28,8 @@ pub struct Config {
     /// address only with [`tls`](Self::tls) and [`bearer_token`](Self::bearer_token).
     pub listen: SocketAddr,
 
-    /// Where `/metrics`, `/health` and `/ready` answer (HTTP/1.1). Port 0 takes a free one.
+    /// Where `/metrics`, `/health`, `/ready` and `/solver` answer (HTTP/1.1). Port 0 takes a free one. Whoever reaches it may
+    /// change solvers, with [`bearer_token`](Self::bearer_token) if there is one.
     pub admin_listen: SocketAddr,
 
     /// Who computes.

@@ -8,6 +8,7 @@
 use crate::metrics::Metrics;
 use crate::observer::{TickLog, TickSample};
 use crate::publish::Answered;
+use crate::solver_wish::SolverWish;
 use crate::takeover::{Attending, Takeover};
 use crate::tile_loader::TileRequests;
 use crate::world_watch::NextWorld;
@@ -147,6 +148,8 @@ pub(crate) struct EngineThread {
     pub(crate) ticks: Arc<TickLog>,
     /// Tick times.
     pub(crate) metrics: Arc<Metrics>,
+    /// How operators want light to be solved.
+    pub(crate) solver: Arc<SolverWish>,
 }
 
 struct Client {
@@ -232,6 +235,7 @@ impl Running {
         let began = Instant::now();
         let time_s = began.duration_since(self.started).as_secs_f64();
         self.collect_sessions();
+        self.events.extend(self.shell.solver.take().map(|solver| Event::Solver { solver }));
         self.hear_of_worlds();
         self.collect_tiles();
         let events = std::mem::take(&mut self.events);
@@ -293,7 +297,8 @@ impl Running {
                 camera: client.outlook,
                 lights: client.lights.clone(),
             });
-            self.takeover = Some(Takeover::new(next, sessions));
+            // The next engine was made as the configuration says, which operators may have overruled meanwhile.
+            self.takeover = Some(Takeover::new(next, self.shell.solver.newest(), sessions));
         }
     }
 
@@ -413,6 +418,7 @@ mod tests {
             report: Arc::default(),
             ticks: Arc::default(),
             metrics,
+            solver: Arc::new(SolverWish::new(Default::default())),
         };
         let handle = thread.start().unwrap();
         let (frames, mut received) = watch::channel(None);

@@ -41,6 +41,7 @@ mod publish;
 mod server;
 mod session;
 pub mod shutdown;
+mod solver_wish;
 mod streams;
 mod takeover;
 mod tile_loader;

@@ -104,7 +104,11 @@ impl Listener {
 
 /// Whether `metadata` holds `token`; always if there is none.
 fn is_authorised(metadata: &MetadataMap, token: &str) -> bool {
-    let given = metadata.get("authorization").map_or(&[][..], |value| value.as_bytes());
+    is_bearer(metadata.get("authorization").map_or(&[][..], |value| value.as_bytes()), token)
+}
+
+/// Whether `given`, the value of an `authorization` header, holds `token`; always if there is none.
+pub(crate) fn is_bearer(given: &[u8], token: &str) -> bool {
     let given = given.strip_prefix(b"Bearer ").unwrap_or_default();
     // The time does not tell how many bytes were right.
     let differing = given.iter().zip(token.as_bytes()).fold(0, |all, (a, b)| all | (a ^ b));

@@ -14,6 +14,7 @@ use crate::observer::{Observer, TickLog};
 use crate::promise;
 use crate::session::Shared;
 use crate::shutdown::Deadline;
+use crate::solver_wish::SolverWish;
 use crate::tile_loader::TileLoader;
 use crate::tls;
 use crate::world_watch::WorldWatch;
@@ -127,7 +128,7 @@ impl Server {
         self.local_addr
     }
 
-    /// Where `/metrics`, `/health` and `/ready` answer.
+    /// Where `/metrics`, `/health`, `/ready` and `/solver` answer.
     #[must_use]
     pub fn admin_addr(&self) -> SocketAddr {
         self.admin_addr
@@ -205,6 +206,7 @@ impl Server {
             next,
             metrics: Arc::clone(&metrics),
         };
+        let solver = Arc::new(SolverWish::new(config.engine.solver.clone()));
         let thread = EngineThread {
             engine: self.engine,
             period: seconds(1.0 / config.tick_rate_hz),
@@ -216,6 +218,7 @@ impl Server {
             report: Arc::clone(&report),
             ticks: self.ticks,
             metrics: Arc::clone(&metrics),
+            solver: Arc::clone(&solver),
         };
         let engine = thread.start().map_err(|cause| {
             loader.requests.stop();
@@ -229,6 +232,8 @@ impl Server {
             metrics: Arc::clone(&metrics),
             report: Arc::clone(&report),
             draining: Arc::clone(&draining),
+            solver,
+            token: config.bearer_token.clone(),
         };
         let admin = tokio::spawn(admin::serve(self.admin, admin, admin_stop.clone()));
         let limit = seconds(config.drain_timeout_s);

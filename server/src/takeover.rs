@@ -7,7 +7,7 @@
 //! a backend that finds no room beside the running one. Clients keep the old frame until the new engine has one.
 
 use crate::world_watch::NextWorld;
-use earthshine_engine::{Command, Event, Frame, SessionId};
+use earthshine_engine::{Command, Event, Frame, SessionId, SolverConfig};
 use earthshine_world::{Camera, ChunkId, LightRig};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -41,9 +41,13 @@ pub(crate) struct Takeover {
 }
 
 impl Takeover {
-    /// Introduces the sessions that there are.
-    pub(crate) fn new(next: NextWorld, sessions: impl Iterator<Item = Attending>) -> Self {
-        let mut pending = Vec::new();
+    /// Says how light is solved, and introduces the sessions that there are.
+    pub(crate) fn new(
+        next: NextWorld,
+        solver: SolverConfig,
+        sessions: impl Iterator<Item = Attending>,
+    ) -> Self {
+        let mut pending = vec![Event::Solver { solver }];
         for Attending { session, camera, lights } in sessions {
             pending.push(Event::SessionOpened { session });
             pending.extend(lights.map(|lights| Event::Lights { session, lights }));

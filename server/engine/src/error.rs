@@ -25,7 +25,7 @@ pub enum EngineError {
 }
 
 /// What is wrong with a decoded chunk. The reader checks bytes; this is what the engine relies on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub(crate) enum TileFault {
     #[error("its tables differ in length")]
     Lengths,
@@ -35,6 +35,8 @@ pub(crate) enum TileFault {
     Duplicate,
     #[error("the row entries are not shares of known segments in ascending order")]
     Rows,
+    #[error("row {row} sums to {sum}, not to one: patches, sky and absorbed; bake the chunk again")]
+    RowSum { row: usize, sum: f32 },
     #[error("its receivers are out of order or place, stand where a patch is, or have no proper rows")]
     Receivers,
 }

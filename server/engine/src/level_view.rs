@@ -12,7 +12,7 @@ use crate::relight::{self, Relight};
 use crate::stats::Counters;
 use crate::{FrameQuality, PatchLight, SessionId};
 use earthshine_radiosity::BackendError;
-use earthshine_world::{Chunk, ChunkId, LightRig};
+use earthshine_world::{Chunk, ChunkId, LightRig, Vec3};
 use std::sync::Arc;
 
 /// Columns of a matrix that a tick refines while a repair is under way: one block of the CPU backend.
@@ -53,6 +53,8 @@ pub(crate) struct LevelView {
     /// Ascending by id.
     chunks: Vec<WantedChunk>,
     plan: SwapPlan,
+    /// Where the plan measured distances from.
+    focus: Vec3,
     is_plan_old: bool,
     are_sources_old: bool,
     /// Whether the far columns changed after far light was gathered.
@@ -76,6 +78,7 @@ impl LevelView {
             local: None,
             chunks: Vec::new(),
             plan: SwapPlan::default(),
+            focus: Vec3::ZERO,
             is_plan_old: true,
             are_sources_old: true,
             is_far_old: true,
@@ -120,6 +123,7 @@ impl LevelView {
         let Some(local) = &self.local else { return false };
         let is_due = std::mem::take(&mut self.is_plan_old);
         if is_due {
+            self.focus = outlook.focus;
             self.plan = plan_swaps(outlook, &self.loaded(table), local, config.hysteresis);
         }
         is_due
@@ -181,6 +185,9 @@ impl LevelView {
         self.is_plan_old |= added.weak_pivots + added.refused > 0;
         self.are_sources_old |= lit > 0;
         let has_moved = !leaving.is_empty() || !added.slots.is_empty();
+        if has_moved {
+            local.order_tables(self.focus);
+        }
         self.is_far_old |= has_moved;
         self.sends_news |= has_moved;
         self.has_news |= has_moved;
@@ -285,6 +292,7 @@ impl LevelView {
         let settings = config.solver.settings(self.level, config.seed);
         let chosen = local.backend.set_solver(&settings).and_then(|has_choice| {
             local.is_endless = has_choice && settings.method.is_endless();
+            local.has_tables = has_choice && settings.method.draws();
             local.backend.set_audited(config.solver.audit_every_ticks > 0)
         });
         local.needs_step = true;

@@ -8,7 +8,7 @@ use crate::relight::SlotLight;
 use crate::slots::{FREE, SlotTable, segment_slots, split_row, visit_row};
 use crate::tile::Tile;
 use earthshine_radiosity::{Backend, BackendError, Slot, Update};
-use earthshine_world::{Chunk, ChunkId, ChunkRows, Patch, PatchId, Rgb, RowParts};
+use earthshine_world::{Chunk, ChunkId, ChunkRows, Patch, PatchId, Rgb, RowParts, Vec3};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -48,6 +48,8 @@ pub(crate) struct LocalSet {
     pub(crate) is_repairing: bool,
     /// Whether its solver goes on for ever: still light is as settled as it gets.
     pub(crate) is_endless: bool,
+    /// Whether its solver draws from tables, which are rebuilt nearest first.
+    pub(crate) has_tables: bool,
 }
 
 /// What became of patches that were to be added.
@@ -85,6 +87,7 @@ impl LocalSet {
             swaps_since_probe: 0,
             is_repairing: false,
             is_endless: false,
+            has_tables: false,
         }
     }
 
@@ -177,6 +180,19 @@ impl LocalSet {
             resident.as_ref().map_or(Rgb::ZERO, |resident| resident.light.exitance(&resident.patch))
         };
         self.residents.iter().map(leaving).collect()
+    }
+
+    /// Tells a backend with tables whose are to be rebuilt first: those of the patches nearest to `focus`.
+    pub(crate) fn order_tables(&mut self, focus: Vec3) {
+        if !self.has_tables {
+            return;
+        }
+        // Squared distances as bits: they order like the numbers, which are never negative.
+        let distance = |resident: &Resident| resident.patch.centroid.distance_squared(focus).to_bits();
+        let mut order: Vec<_> = self.iter().map(|(slot, resident)| (distance(resident), slot)).collect();
+        order.sort_unstable();
+        let slots: Vec<Slot> = order.into_iter().map(|(_, slot)| Slot(slot)).collect();
+        self.backend.set_order(&slots).expect("residents hold slots of the backend");
     }
 
     /// Brings [`Self::in_frame_order`] up to date.

@@ -141,6 +141,7 @@ pub(crate) struct SourcesSet {
 /// Whatever the backend says: it is of no more use.
 pub(crate) fn set_sources(local: &mut LocalSet, rig: &LightRig) -> Result<SourcesSet, BackendError> {
     let (mut slots, mut exitances, mut outside) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut sky_shares, mut skies) = (Vec::new(), Vec::new());
     let mut limited = 0;
     for (slot, resident) in (0u32..).zip(&mut local.residents) {
         let Some(resident) = resident else { continue };
@@ -150,18 +151,21 @@ pub(crate) fn set_sources(local: &mut LocalSet, rig: &LightRig) -> Result<Source
             limit(reflectance * resident.light.direct_irradiance + patch.emission * rig.emission_scale);
         let (sky, sky_limited) = limit(rig.sky.irradiance(&resident.sky_shares));
         let (arriving, far_limited) = limit(sky + resident.light.far_irradiance);
-        resident.light.sky_irradiance = sky;
-        if resident.light.sources != Some((exitance, arriving)) {
+        let sky_before = std::mem::replace(&mut resident.light.sky_irradiance, sky);
+        if resident.light.sources != Some((exitance, arriving)) || sky != sky_before {
             resident.light.sources = Some((exitance, arriving));
             limited += u64::from(exitance_limited || sky_limited || far_limited);
             slots.push(Slot(slot));
             exitances.push(exitance);
             outside.push(arriving);
+            sky_shares.push(resident.sky_shares.iter().sum::<f32>().min(1.0));
+            skies.push(sky);
         }
     }
     let changed = !slots.is_empty();
     if changed {
         local.backend.set_sources(&slots, &exitances, &outside)?;
+        local.backend.set_sky(&slots, &sky_shares, &skies)?;
         local.needs_step = true;
     }
     Ok(SourcesSet { changed, limited })

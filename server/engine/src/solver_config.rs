@@ -1,7 +1,7 @@
 //! Which solver lights each level, and how much work it may do: [`SolverConfig`].
 
 use crate::config::ConfigError;
-use earthshine_radiosity::solver::{Method, SettingsError, SolverSettings};
+use earthshine_radiosity::solver::{DrawnRows, Method, SettingsError, SolverSettings};
 
 /// A solver by its name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
@@ -48,6 +48,26 @@ impl std::str::FromStr for SolverName {
     }
 }
 
+/// Which rows `alias` and `cdf` draw from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DrawnRowsName {
+    /// Form factors: a bounce a tick.
+    #[default]
+    FormFactors,
+    /// The multibounce matrix: all bounces at once, in colour; holds the matrix as well.
+    Multibounce,
+}
+
+impl DrawnRowsName {
+    fn rows(self) -> DrawnRows {
+        match self {
+            Self::FormFactors => DrawnRows::FormFactors,
+            Self::Multibounce => DrawnRows::Multibounce,
+        }
+    }
+}
+
 /// Solvers of all levels. May change at run time: light goes on from where it is.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -57,14 +77,20 @@ pub struct SolverConfig {
     /// - `matrix`: exact at once; memory and the time of a swap grow with the square of the patches.
     /// - `hybrid`: for more patches than a matrix fits; a change of light takes a few ticks, still light costs nothing.
     pub by_level: Vec<SolverName>,
+    /// What `alias` and `cdf` draw from.
+    ///
+    /// - `form_factors`: light of a bounce a tick, through the light of the tick before; a swap changes few rows.
+    /// - `multibounce`: all bounces at once, but the matrix has to be held and every swap changes all rows, which then wait
+    ///   for their turn under `table_items_per_tick_max`. On the CPU only.
+    pub drawn_rows: DrawnRowsName,
     /// Draws a row and tick (k) of `alias`, `cdf` and `hybrid`, 1 to 4096. Higher: less noise, longer ticks.
     pub samples_per_row: u32,
     /// Weight of the past (w) in `alias` and `cdf`, at least 0, below 1. Higher: less noise, light lags longer.
     pub history_weight: f32,
     /// Whether draws and weight follow the measured variance of each row.
     pub adaptive: bool,
-    /// Table items that a view rebuilds a tick after patches came or went, at least 1. Lower: rows draw from old tables
-    /// for longer; they stay true, but for newcomers.
+    /// Table items that a view rebuilds a tick after patches came or went, at least 1: of the nearest patches first, and
+    /// a quarter of them in turn. Lower: rows draw from old tables for longer; they stay true, but for newcomers.
     pub table_items_per_tick_max: u32,
     /// Form factors that `progressive` and `hybrid` shoot over a tick, for each resident patch, at least 1.
     ///
@@ -82,6 +108,7 @@ impl Default for SolverConfig {
         let settings = SolverSettings::default();
         Self {
             by_level: vec![SolverName::Matrix],
+            drawn_rows: DrawnRowsName::FormFactors,
             samples_per_row: settings.samples_per_row,
             history_weight: settings.history_weight,
             adaptive: settings.adaptive,
@@ -99,6 +126,7 @@ impl SolverConfig {
         let solver = self.by_level.get(usize::from(level)).or(self.by_level.last()).copied();
         SolverSettings {
             method: solver.unwrap_or_default().method(),
+            rows: self.drawn_rows.rows(),
             seed: seed as u32,
             samples_per_row: self.samples_per_row,
             history_weight: self.history_weight,
@@ -165,6 +193,9 @@ mod tests {
         let method = |level| config.settings(level, 1).method;
         assert_eq!([method(0), method(1), method(9)], [Method::Hybrid, Method::Matrix, Method::Matrix]);
         assert!(toml::from_str::<SolverConfig>("by_level = [\"radiosity\"]").is_err());
+        let coloured: SolverConfig = toml::from_str("drawn_rows = \"multibounce\"").unwrap();
+        assert_eq!(coloured.settings(0, 1).rows, DrawnRows::Multibounce);
+        assert!(toml::from_str::<SolverConfig>("drawn_rows = \"matrix\"").is_err());
         assert!("hybrid".parse::<SolverName>() == Ok(SolverName::Hybrid));
         assert!("magic".parse::<SolverName>().unwrap_err().contains("progressive"));
     }

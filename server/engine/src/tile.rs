@@ -5,6 +5,7 @@
 
 use crate::error::TileFault;
 use earthshine_light::Occluders;
+use earthshine_radiosity::invariant::row_sums_to_one;
 use earthshine_world::lineage::Lineage;
 use earthshine_world::{Chunk, ChunkRows, ChunkSummary, Grid, Patch, ReceiverPlace, SamplePoint};
 use std::mem::size_of;
@@ -126,7 +127,14 @@ fn check_rows(rows: &ChunkRows, patch_count: usize) -> Result<(), TileFault> {
         .windows(2)
         .all(|pair| rows.columns[pair[0] as usize..pair[1] as usize].is_sorted_by(|a, b| a < b));
     let segments = rows.segments.is_sorted_by(|a, b| a < b);
-    if shares && known && ascending && segments { Ok(()) } else { Err(TileFault::Rows) }
+    if !(shares && known && ascending && segments) {
+        return Err(TileFault::Rows);
+    }
+    let is_off = |&row: &usize| row_sums_to_one(row, f64::from(rows.row_sum(row))).is_err();
+    match (0..patch_count).find(is_off) {
+        Some(row) => Err(TileFault::RowSum { row, sum: rows.row_sum(row) }),
+        None => Ok(()),
+    }
 }
 
 #[cfg(test)]
@@ -172,6 +180,8 @@ mod tests {
                 c.receivers.places.sort_by_key(ReceiverPlace::order);
             }),
         ];
+        let off = check(|c| c.rows.absorbed_shares[0] += 0.01).unwrap_err();
+        assert!(matches!(off, TileFault::RowSum { row: 0, sum } if sum > 1.005), "{off:?}");
         for (number, (fault, spoil)) in cases.into_iter().enumerate() {
             assert_eq!(check(spoil), Err(fault), "case {number}");
         }

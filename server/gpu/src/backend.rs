@@ -6,6 +6,7 @@ use crate::matrix::GpuMatrix;
 use crate::readback::Readback;
 use crate::timing::PassTime;
 use earthshine_radiosity::local_matrix::Arrival;
+use earthshine_radiosity::slot_check::{self, Interest};
 use earthshine_radiosity::update_check::UpdateCheck;
 use earthshine_radiosity::{
     ApplyStats, Backend, BackendError, LocalMatrix, Repaired, Slot, StepStats, Update,
@@ -30,8 +31,7 @@ pub struct GpuBackend {
     irradiance: Vec<f32>,
     /// Slots whose light on the device is theirs: evaluated since their patch entered.
     has_light: Vec<bool>,
-    /// Slots of interest, if not all are.
-    wanted: Option<Vec<bool>>,
+    interest: Interest,
     /// Slots that the last step evaluated.
     current: Vec<bool>,
     lit_columns: u32,
@@ -65,7 +65,7 @@ impl GpuBackend {
             are_sources_new: false,
             irradiance: vec![0.0; 3 * rows],
             has_light: vec![false; slots],
-            wanted: None,
+            interest: Interest::default(),
             current: vec![false; slots],
             lit_columns: 0,
             changed: true,
@@ -95,19 +95,6 @@ impl GpuBackend {
     /// [`BackendError::DeviceLost`].
     pub fn finish(&self) -> Result<(), BackendError> {
         self.matrix.finish()
-    }
-
-    fn within(&self, slot: Slot) -> Result<usize, BackendError> {
-        if slot.0 < self.matrix.capacity() {
-            Ok(slot.0 as usize)
-        } else {
-            Err(BackendError::SlotOutside(slot, self.matrix.capacity()))
-        }
-    }
-
-    fn taken(&self, slot: Slot) -> Result<usize, BackendError> {
-        let at = self.within(slot)?;
-        if self.matrix.is_taken(slot) { Ok(at) } else { Err(BackendError::SlotFree(slot)) }
     }
 
     fn rgb(values: &[f32], slot: usize) -> Rgb {
@@ -169,11 +156,8 @@ impl Backend for GpuBackend {
         let matrix = &self.matrix;
         self.check.check(updates, |slot| matrix.area(slot))?;
         let mut stats = ApplyStats::default();
-        let same_kind = |a: &Update, b: &Update| std::mem::discriminant(a) == std::mem::discriminant(b);
-        for run in updates.chunk_by(same_kind) {
-            for block in run.chunks(LocalMatrix::BLOCK_MAX) {
-                self.apply_block(block, &mut stats)?;
-            }
+        for block in slot_check::blocks_of(updates) {
+            self.apply_block(block, &mut stats)?;
         }
         Ok(stats)
     }
@@ -188,19 +172,8 @@ impl Backend for GpuBackend {
         direct_exitance: &[Rgb],
         outside_irradiance: &[Rgb],
     ) -> Result<(), BackendError> {
-        for values in [direct_exitance, outside_irradiance] {
-            if values.len() != slots.len() {
-                return Err(BackendError::Length { expected: slots.len(), actual: values.len() });
-            }
-        }
-        for values in [direct_exitance, outside_irradiance] {
-            for (&slot, value) in slots.iter().zip(values) {
-                self.taken(slot)?;
-                if !(value.is_finite() && value.min_element() >= 0.0) {
-                    return Err(BackendError::NotFinite(slot));
-                }
-            }
-        }
+        slot_check::are_sources(slots, direct_exitance, outside_irradiance)?;
+        slot_check::all_taken(slots, self.capacity(), |slot| self.is_taken(slot))?;
         let mut differ = false;
         for ((slot, &direct), &outside) in slots.iter().zip(direct_exitance).zip(outside_irradiance) {
             let at = slot.0 as usize;
@@ -213,17 +186,7 @@ impl Backend for GpuBackend {
     }
 
     fn set_interest(&mut self, slots: Option<&[Slot]>) -> Result<(), BackendError> {
-        let Some(slots) = slots else {
-            self.wanted = None;
-            return Ok(());
-        };
-        for &slot in slots {
-            self.within(slot)?;
-        }
-        let wanted = self.wanted.get_or_insert_with(|| vec![false; self.current.len()]);
-        wanted.fill(false);
-        slots.iter().for_each(|slot| wanted[slot.0 as usize] = true);
-        Ok(())
+        self.interest.set(slots, self.capacity())
     }
 
     fn is_current(&self, slot: Slot) -> bool {
@@ -234,7 +197,7 @@ impl Backend for GpuBackend {
     fn step(&mut self) -> Result<StepStats, BackendError> {
         self.matrix.device().check()?;
         let slots = self.current.len();
-        let is_wanted = |slot: usize| self.wanted.as_ref().is_none_or(|wanted| wanted[slot]);
+        let is_wanted = |slot: usize| self.interest.is_wanted(slot);
         let is_missing =
             |slot: usize| is_wanted(slot) && !self.current[slot] && self.is_taken(Slot(slot as u32));
         let recomputed = self.changed || (0..slots).any(is_missing);
@@ -261,12 +224,8 @@ impl Backend for GpuBackend {
     }
 
     fn read_irradiance(&mut self, slots: &[Slot], out: &mut [Rgb]) -> Result<(), BackendError> {
-        if out.len() != slots.len() {
-            return Err(BackendError::Length { expected: slots.len(), actual: out.len() });
-        }
-        for &slot in slots {
-            self.taken(slot)?;
-        }
+        slot_check::one_each(slots, out.len())?;
+        slot_check::all_taken(slots, self.capacity(), |slot| self.is_taken(slot))?;
         let irradiance = &mut self.irradiance;
         let newest =
             |bytes: &[u8]| irradiance.copy_from_slice(&bytemuck::pod_collect_to_vec::<u8, f32>(bytes));

@@ -3,6 +3,7 @@
 //! Operation level, batched, synchronous, object-safe, no buffers in sight: the engine calls it a
 //! handful of times a tick, so a virtual call costs nothing.
 
+use crate::slot_check;
 use crate::solver::{SettingsError, SolverSettings};
 use crate::tables::TableError;
 use earthshine_world::Rgb;
@@ -87,8 +88,8 @@ pub trait Backend: Send {
     ///
     /// # Errors
     /// [`BackendError::SlotTaken`], [`BackendError::SlotFree`], [`BackendError::SlotOutside`],
-    /// [`BackendError::Share`], [`BackendError::Area`], [`BackendError::NotFinite`], [`BackendError::NotReciprocal`]:
-    /// after an error nothing of the batch has been applied.
+    /// [`BackendError::Share`], [`BackendError::RowSum`], [`BackendError::Area`], [`BackendError::NotFinite`],
+    /// [`BackendError::NotReciprocal`]: after an error nothing of the batch has been applied.
     fn apply(&mut self, updates: &[Update]) -> Result<ApplyStats, BackendError>;
 
     /// Whether a patch holds `slot`.
@@ -105,6 +106,33 @@ pub trait Backend: Send {
         outside_irradiance: &[Rgb],
     ) -> Result<(), BackendError>;
 
+    /// Says what of the outside comes straight from the sky, for each slot: the share of its row, 0..=1, and the irradiance
+    /// (lx), at most the outside irradiance of the last [`set_sources`](Self::set_sources), which comes first.
+    ///
+    /// Light is the same with and without, but for noise: a backend that draws makes the sky an outcome of its own, beside
+    /// what is far. The default, for backends that do not draw, only checks.
+    ///
+    /// # Errors
+    /// [`BackendError::SlotFree`], [`BackendError::Length`], [`BackendError::NotFinite`], [`BackendError::Share`].
+    fn set_sky(
+        &mut self,
+        slots: &[Slot],
+        sky_shares: &[f32],
+        sky_irradiance: &[Rgb],
+    ) -> Result<(), BackendError> {
+        slot_check::is_sky(slots, sky_shares, sky_irradiance)?;
+        slot_check::all_taken(slots, self.capacity(), |slot| self.is_taken(slot))
+    }
+
+    /// Names slots by urgency, most urgent first: work that a step cannot do for all is done in this order, and for those
+    /// not named after them. A backend without such work, as the default, has no use for it.
+    ///
+    /// # Errors
+    /// [`BackendError::SlotOutside`]: the order stays what it was.
+    fn set_order(&mut self, slots: &[Slot]) -> Result<(), BackendError> {
+        slots.iter().try_for_each(|&slot| slot_check::within(slot, self.capacity()).map(|_| ()))
+    }
+
     /// Names the slots whose light is wanted from now on; `None`, the default, is all.
     ///
     /// A step evaluates at least these. What it leaves out keeps the irradiance of an earlier step, zero if there was
@@ -115,11 +143,8 @@ pub trait Backend: Send {
     /// # Errors
     /// [`BackendError::SlotOutside`]: the interest stays what it was.
     fn set_interest(&mut self, slots: Option<&[Slot]>) -> Result<(), BackendError> {
-        let beyond = |slot: &&Slot| slot.0 >= self.capacity();
-        match slots.and_then(|slots| slots.iter().find(beyond)) {
-            Some(&slot) => Err(BackendError::SlotOutside(slot, self.capacity())),
-            None => Ok(()),
-        }
+        let slots = slots.unwrap_or_default();
+        slots.iter().try_for_each(|&slot| slot_check::within(slot, self.capacity()).map(|_| ()))
     }
 
     /// Whether the irradiance of `slot` is that of the last step, not of an earlier one.
@@ -138,6 +163,16 @@ pub trait Backend: Send {
     /// # Errors
     /// [`BackendError::Length`] if the slices differ in length; [`BackendError::SlotFree`].
     fn read_irradiance(&mut self, slots: &[Slot], out: &mut [Rgb]) -> Result<(), BackendError>;
+
+    /// Writes the row of `H` of a taken slot, colours and all, to `row`. O(M).
+    ///
+    /// # Errors
+    /// [`BackendError::NoRows`] where the matrix is not at hand, as by default; [`BackendError::SlotFree`],
+    /// [`BackendError::SlotOutside`].
+    fn read_row(&mut self, slot: Slot, row: &mut Vec<(Slot, Rgb)>) -> Result<(), BackendError> {
+        let _ = (slot, row);
+        Err(BackendError::NoRows)
+    }
 
     /// Whether another step without any change would leave the light as it is, to the bit. A matrix settles in one step;
     /// methods that go on by themselves have to be stepped until then.
@@ -211,6 +246,16 @@ pub enum BackendError {
     /// A form factor that is negative, above one, or not a number.
     #[error("form factor {1} of slot {0:?} is not a share")]
     Share(Slot, f32),
+    /// A row whose form factors sum to more than one: it would make light of nothing.
+    #[error(
+        "the row of slot {slot:?} sums to {sum}, more than one: the tile it comes from is broken; verify the world"
+    )]
+    RowSum {
+        /// Whose.
+        slot: Slot,
+        /// What its shares sum to.
+        sum: f64,
+    },
     /// An area that is not above zero, or not a number.
     #[error("area {1} m2 of slot {0:?} is not above zero and finite")]
     Area(Slot, f32),
@@ -247,6 +292,11 @@ pub enum BackendError {
     /// Light that has become no number: the backend is of no more use.
     #[error("the light of slot {0:?} is not a number: the backend has to be made anew")]
     NotANumber(Slot),
+    /// Rows of the multibounce matrix where none can be read.
+    #[error(
+        "this backend shows no rows of the matrix to draw from: compute on the CPU, or draw from rows of form factors"
+    )]
+    NoRows,
     /// Settings of a solver that cannot be.
     #[error(transparent)]
     Settings(SettingsError),

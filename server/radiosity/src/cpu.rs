@@ -6,6 +6,7 @@
 use crate::backend::{ApplyStats, Backend, BackendError, Repaired, Slot, StepStats, Update};
 use crate::dense::DenseError;
 use crate::local_matrix::{Arrival, CapacityError, LocalMatrix};
+use crate::slot_check::{self, Interest};
 use crate::update_check::UpdateCheck;
 use earthshine_world::Rgb;
 
@@ -21,8 +22,7 @@ pub struct CpuBackend {
     /// `H` times that.
     received: Vec<f32>,
     check: UpdateCheck,
-    /// Slots of interest, if not all are.
-    wanted: Option<Vec<bool>>,
+    interest: Interest,
     /// Slots that the last step evaluated.
     current: Vec<bool>,
     lit: Vec<bool>,
@@ -45,7 +45,7 @@ impl CpuBackend {
             sent: vec![0.0; slots],
             received: vec![0.0; slots],
             check: UpdateCheck::new(slots),
-            wanted: None,
+            interest: Interest::default(),
             current: vec![false; slots],
             lit: vec![false; slots],
             lit_columns: 0,
@@ -64,20 +64,6 @@ impl CpuBackend {
     #[cfg(test)]
     pub(crate) fn matrix_mut(&mut self) -> &mut LocalMatrix {
         &mut self.matrix
-    }
-
-    fn within(&self, slot: Slot) -> Result<usize, BackendError> {
-        let at = slot.0 as usize;
-        if at < self.matrix.capacity() {
-            Ok(at)
-        } else {
-            Err(BackendError::SlotOutside(slot, self.capacity()))
-        }
-    }
-
-    fn taken(&self, slot: Slot) -> Result<usize, BackendError> {
-        let at = self.within(slot)?;
-        if self.matrix.is_taken(slot) { Ok(at) } else { Err(BackendError::SlotFree(slot)) }
     }
 
     /// Applies updates of one kind, at most a block of them.
@@ -124,11 +110,8 @@ impl Backend for CpuBackend {
         let matrix = &self.matrix;
         self.check.check(updates, |slot| matrix.area(slot))?;
         let mut stats = ApplyStats::default();
-        let same_kind = |a: &Update, b: &Update| std::mem::discriminant(a) == std::mem::discriminant(b);
-        for run in updates.chunk_by(same_kind) {
-            for block in run.chunks(LocalMatrix::BLOCK_MAX) {
-                self.apply_block(block, &mut stats);
-            }
+        for block in slot_check::blocks_of(updates) {
+            self.apply_block(block, &mut stats);
         }
         Ok(stats)
     }
@@ -143,19 +126,8 @@ impl Backend for CpuBackend {
         direct_exitance: &[Rgb],
         outside_irradiance: &[Rgb],
     ) -> Result<(), BackendError> {
-        for values in [direct_exitance, outside_irradiance] {
-            if values.len() != slots.len() {
-                return Err(BackendError::Length { expected: slots.len(), actual: values.len() });
-            }
-        }
-        for values in [direct_exitance, outside_irradiance] {
-            for (&slot, value) in slots.iter().zip(values) {
-                self.taken(slot)?;
-                if !(value.is_finite() && value.min_element() >= 0.0) {
-                    return Err(BackendError::NotFinite(slot));
-                }
-            }
-        }
+        slot_check::are_sources(slots, direct_exitance, outside_irradiance)?;
+        slot_check::all_taken(slots, self.capacity(), |slot| self.matrix.is_taken(slot))?;
         for ((slot, &direct), &outside) in slots.iter().zip(direct_exitance).zip(outside_irradiance) {
             let at = slot.0 as usize;
             self.changed |= self.direct_exitance[at] != direct || self.outside_irradiance[at] != outside;
@@ -166,17 +138,7 @@ impl Backend for CpuBackend {
     }
 
     fn set_interest(&mut self, slots: Option<&[Slot]>) -> Result<(), BackendError> {
-        let Some(slots) = slots else {
-            self.wanted = None;
-            return Ok(());
-        };
-        for &slot in slots {
-            self.within(slot)?;
-        }
-        let wanted = self.wanted.get_or_insert_with(|| vec![false; self.matrix.capacity()]);
-        wanted.fill(false);
-        slots.iter().for_each(|slot| wanted[slot.0 as usize] = true);
-        Ok(())
+        self.interest.set(slots, self.capacity())
     }
 
     fn is_current(&self, slot: Slot) -> bool {
@@ -184,8 +146,7 @@ impl Backend for CpuBackend {
     }
 
     fn step(&mut self) -> Result<StepStats, BackendError> {
-        let wanted = self.wanted.as_deref();
-        let is_wanted = |slot: usize| wanted.is_none_or(|wanted| wanted[slot]);
+        let is_wanted = |slot: usize| self.interest.is_wanted(slot);
         let is_missing = |slot: Slot| is_wanted(slot.0 as usize) && !self.current[slot.0 as usize];
         let recomputed = self.changed || self.matrix.taken_slots().any(is_missing);
         if recomputed {
@@ -199,7 +160,7 @@ impl Backend for CpuBackend {
                     self.sent[slot] = sent;
                     *lit |= sent != 0.0;
                 }
-                self.matrix.multiply_rows(channel, &self.sent, wanted, &mut self.received);
+                self.matrix.multiply_rows(channel, &self.sent, self.interest.marks(), &mut self.received);
                 for (slot, irradiance) in self.irradiance.iter_mut().enumerate() {
                     if is_wanted(slot) {
                         irradiance[channel] = self.received[slot] + self.outside_irradiance[slot][channel];
@@ -213,15 +174,20 @@ impl Backend for CpuBackend {
     }
 
     fn read_irradiance(&mut self, slots: &[Slot], out: &mut [Rgb]) -> Result<(), BackendError> {
-        if out.len() != slots.len() {
-            return Err(BackendError::Length { expected: slots.len(), actual: out.len() });
-        }
-        for &slot in slots {
-            self.taken(slot)?;
-        }
+        slot_check::one_each(slots, out.len())?;
+        slot_check::all_taken(slots, self.capacity(), |slot| self.matrix.is_taken(slot))?;
         for (slot, out) in slots.iter().zip(out) {
             *out = self.irradiance[slot.0 as usize];
         }
+        Ok(())
+    }
+
+    fn read_row(&mut self, slot: Slot, row: &mut Vec<(Slot, Rgb)>) -> Result<(), BackendError> {
+        slot_check::all_taken(&[slot], self.capacity(), |slot| self.matrix.is_taken(slot))?;
+        let matrix = &self.matrix;
+        let entry = |other| Rgb::from_array([0, 1, 2].map(|channel| matrix.entry(channel, slot, other)));
+        row.clear();
+        row.extend(matrix.taken_slots().map(|other| (other, entry(other))));
         Ok(())
     }
 

@@ -40,6 +40,7 @@ pub mod local_matrix;
 pub mod multibounce;
 mod resident_rows;
 mod simd;
+pub mod slot_check;
 pub mod solver;
 pub mod tables;
 mod tile_kernel;

@@ -1,6 +1,8 @@
-//! What every backend checks before it applies a batch of updates: slots, shares, areas, reciprocity.
+//! What every backend checks before it applies a batch of updates: slots, shares, sums of rows, areas, reciprocity.
 
 use crate::backend::{BackendError, RECIPROCITY_TOLERANCE, Slot, Update};
+use crate::invariant::ROW_SUM_TOLERANCE;
+use crate::slot_check::within;
 
 /// Room to check batches for a number of slots; allocated once.
 #[derive(Debug)]
@@ -18,11 +20,6 @@ impl UpdateCheck {
         Self { planned: vec![0.0; slots], exchange: vec![[0.0; 2]; slots] }
     }
 
-    fn within(&self, slot: Slot) -> Result<usize, BackendError> {
-        let (at, slots) = (slot.0 as usize, self.planned.len());
-        if at < slots { Ok(at) } else { Err(BackendError::SlotOutside(slot, slots as u32)) }
-    }
-
     /// Whether a batch can be applied, refusals for weak pivots aside. `area` is that of who holds a slot now, m2; 0 for
     /// free slots.
     ///
@@ -32,10 +29,11 @@ impl UpdateCheck {
         for (slot, planned) in self.planned.iter_mut().enumerate() {
             *planned = area(Slot(slot as u32));
         }
+        let slots = self.planned.len() as u32;
         for update in updates {
             match update {
                 Update::Add { slot, reflectance, area, row, column } => {
-                    let at = self.within(*slot)?;
+                    let at = within(*slot, slots)?;
                     if self.planned[at] != 0.0 {
                         return Err(BackendError::SlotTaken(*slot));
                     }
@@ -51,10 +49,14 @@ impl UpdateCheck {
                     self.check_shares(column)?;
                     self.planned[at] = *area;
                     self.check_shares(row)?;
+                    let sum: f64 = row.iter().map(|&(_, share)| f64::from(share)).sum();
+                    if sum > 1.0 + ROW_SUM_TOLERANCE {
+                        return Err(BackendError::RowSum { slot: *slot, sum });
+                    }
                     self.check_exchange(*slot, row, column)?;
                 }
                 Update::Remove { slot } => {
-                    let at = self.within(*slot)?;
+                    let at = within(*slot, slots)?;
                     if std::mem::take(&mut self.planned[at]) == 0.0 {
                         return Err(BackendError::SlotFree(*slot));
                     }
@@ -66,7 +68,7 @@ impl UpdateCheck {
 
     fn check_shares(&self, entries: &[(Slot, f32)]) -> Result<(), BackendError> {
         for &(slot, share) in entries {
-            if self.planned[self.within(slot)?] == 0.0 {
+            if self.planned[within(slot, self.planned.len() as u32)?] == 0.0 {
                 return Err(BackendError::SlotFree(slot));
             }
             if !(0.0..=1.0).contains(&share) {

@@ -10,4 +10,5 @@ mod credentials;
 mod ends;
 mod faults;
 mod light;
+mod solver;
 mod world;

@@ -174,8 +174,16 @@ impl Service {
 
     /// Status line and body of an operators' page.
     pub(crate) async fn get(&self, path: &str) -> (String, String) {
+        self.ask("GET", path, "", "").await
+    }
+
+    /// The same of any request; `headers` end in line breaks.
+    pub(crate) async fn ask(&self, method: &str, path: &str, headers: &str, body: &str) -> (String, String) {
         let mut stream = TcpStream::connect(&self.admin).await.unwrap();
-        let request = format!("GET {path} HTTP/1.1\r\nhost: test\r\nconnection: close\r\n\r\n");
+        let length = body.len();
+        let request = format!(
+            "{method} {path} HTTP/1.1\r\nhost: test\r\nconnection: close\r\n{headers}content-length: {length}\r\n\r\n{body}"
+        );
         stream.write_all(request.as_bytes()).await.unwrap();
         let mut answer = String::new();
         within(stream.read_to_string(&mut answer)).await.unwrap();

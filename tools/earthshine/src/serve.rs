@@ -11,7 +11,7 @@ pub(crate) fn run(arguments: ServeArgs) -> anyhow::Result<()> {
     runtime.block_on(async {
         let server = Server::bind(config).await?;
         out!("serving  http://{}   (gRPC; {})", server.local_addr(), server.world_name());
-        out!("admin    http://{}/metrics, /health, /ready", server.admin_addr());
+        out!("admin    http://{}/metrics, /health, /ready, /solver", server.admin_addr());
         out!("{}", promised(server.promise()));
         server.run(async { drop(shutdown::signal().await) }).await?;
         Ok(())

@@ -7,13 +7,15 @@ mod advance;
 mod matrix;
 mod residents;
 
+use super::draws::Draws;
 use super::links::LinkRows;
 use super::sampler::RowSampler;
 use super::shooting::{ShotStats, Unshot};
 use super::temporal::RowNoise;
-use super::{Light, Method, SolverSettings, guard, rgb};
+use super::{DrawnRows, Light, Method, SolverSettings, guard, rgb};
 use crate::backend::{ApplyStats, Backend, BackendError, MIN_PIVOT, Repaired, Slot, StepStats, Update};
-use crate::tables::{AliasTable, CdfTable};
+use crate::slot_check;
+use crate::tables::CdfTable;
 use crate::update_check::UpdateCheck;
 use earthshine_world::Rgb;
 
@@ -31,10 +33,8 @@ enum State {
     Matrix,
     /// Bounces of all rows.
     Gather { is_settled: bool },
-    /// Draws from alias tables.
-    Alias(RowSampler<AliasTable>, Vec<RowNoise>),
-    /// Draws from cumulative tables.
-    Cdf(RowSampler<CdfTable>, Vec<RowNoise>),
+    /// Draws, from tables of the method's kind over rows of either kind.
+    Drawn(Method, DrawnRows, Box<dyn Draws>, Vec<RowNoise>),
     /// Shots.
     Progressive(Unshot),
     /// Shots, draws and what they estimate.
@@ -47,6 +47,11 @@ pub struct SolverBackend {
     links: LinkRows,
     direct: Vec<Light>,
     outside: Vec<Light>,
+    /// What of `outside` is the sky's, and its share of the row.
+    sky: Vec<Light>,
+    sky_shares: Vec<f32>,
+    /// Slots, most urgent first.
+    order: Vec<u32>,
     /// Light without what a hybrid estimates.
     irradiance: Vec<Light>,
     state: State,
@@ -57,9 +62,10 @@ pub struct SolverBackend {
     is_matrix_behind: bool,
     interest: Option<Vec<Slot>>,
     check: UpdateCheck,
-    /// Room for what leaves, and for light from outside.
+    /// Room for what leaves, and for what draws of the outside bring.
     sent: Vec<Light>,
-    drawn_outside: Vec<Light>,
+    drawn_far: Vec<Light>,
+    drawn_sky: Vec<Light>,
     frame: u32,
     guard_cursor: usize,
     changed: bool,
@@ -87,7 +93,7 @@ impl SolverBackend {
         mut make_matrix: MatrixFactory,
     ) -> Result<Self, BackendError> {
         settings.validate().map_err(BackendError::Settings)?;
-        let matrix = if settings.method == Method::Matrix { Some(make_matrix(capacity)?) } else { None };
+        let matrix = if settings.needs_matrix() { Some(make_matrix(capacity)?) } else { None };
         let slots = matrix.as_ref().map_or(capacity, |matrix| matrix.capacity()) as usize;
         let dark = vec![[0.0; 4]; slots];
         let mut backend = Self {
@@ -95,6 +101,9 @@ impl SolverBackend {
             links: LinkRows::new(slots),
             direct: dark.clone(),
             outside: dark.clone(),
+            sky: dark.clone(),
+            sky_shares: vec![0.0; slots],
+            order: Vec::new(),
             irradiance: dark.clone(),
             state: State::Gather { is_settled: true },
             make_matrix,
@@ -104,7 +113,8 @@ impl SolverBackend {
             interest: None,
             check: UpdateCheck::new(slots),
             sent: dark.clone(),
-            drawn_outside: dark,
+            drawn_far: dark.clone(),
+            drawn_sky: dark,
             frame: 0,
             guard_cursor: 0,
             changed: true,
@@ -120,8 +130,7 @@ impl SolverBackend {
         match self.state {
             State::Matrix => Method::Matrix,
             State::Gather { .. } => Method::Gather,
-            State::Alias(..) => Method::Alias,
-            State::Cdf(..) => Method::Cdf,
+            State::Drawn(method, ..) => method,
             State::Progressive(_) => Method::Progressive,
             State::Hybrid(..) => Method::Hybrid,
         }
@@ -141,20 +150,34 @@ impl SolverBackend {
 
     fn choose(&mut self, settings: SolverSettings) -> Result<(), BackendError> {
         settings.validate().map_err(BackendError::Settings)?;
-        if settings.method == Method::Matrix {
-            self.matrix_wanted()?;
+        if settings.needs_matrix() {
+            self.matrix_wanted(&settings)?;
             self.settings = settings;
-            self.enter_matrix_if_whole()?;
+            self.enter_if_whole()?;
         } else {
             // Also one that was asked for and not whole yet.
             self.leave_matrix();
-            if settings.method != self.method() {
-                self.enter(settings.method);
+            if !self.is_entered(&settings) {
+                self.enter(&settings);
             }
         }
         self.settings = settings;
         self.changed = true;
         Ok(())
+    }
+
+    /// Whether light is advanced as `settings` say already.
+    fn is_entered(&self, settings: &SolverSettings) -> bool {
+        let has_rows = match self.state {
+            State::Drawn(_, rows, ..) => rows == settings.rows,
+            _ => true,
+        };
+        self.method() == settings.method && has_rows
+    }
+
+    /// Whether the matrix has to have every update at once: light comes from it, whole or drawn.
+    fn lives_on_matrix(&self) -> bool {
+        matches!(self.state, State::Matrix | State::Drawn(_, DrawnRows::Multibounce, ..))
     }
 
     fn published(&self, slot: usize) -> Rgb {
@@ -173,8 +196,8 @@ impl Backend for SolverBackend {
 
     fn apply(&mut self, updates: &[Update]) -> Result<ApplyStats, BackendError> {
         self.check.check(updates, |slot| self.links.area(slot.0 as usize))?;
-        if matches!(self.state, State::Matrix) {
-            let matrix = self.matrix.as_mut().expect("the matrix method has a matrix");
+        if self.lives_on_matrix() {
+            let matrix = self.matrix.as_mut().expect("what lives on a matrix has one");
             let stats = matrix.apply(updates)?;
             let is_in =
                 |update: &&Update| !matches!(update, Update::Add { slot, .. } if !matrix.is_taken(*slot));
@@ -218,17 +241,8 @@ impl Backend for SolverBackend {
         direct_exitance: &[Rgb],
         outside_irradiance: &[Rgb],
     ) -> Result<(), BackendError> {
-        for values in [direct_exitance, outside_irradiance] {
-            if values.len() != slots.len() {
-                return Err(BackendError::Length { expected: slots.len(), actual: values.len() });
-            }
-            for (&slot, value) in slots.iter().zip(values) {
-                self.taken(slot)?;
-                if !(value.is_finite() && value.min_element() >= 0.0) {
-                    return Err(BackendError::NotFinite(slot));
-                }
-            }
-        }
+        slot_check::are_sources(slots, direct_exitance, outside_irradiance)?;
+        slot_check::all_taken(slots, self.capacity(), |slot| self.is_taken(slot))?;
         if matches!(self.state, State::Matrix) {
             let matrix = self.matrix.as_mut().expect("the matrix method has a matrix");
             matrix.set_sources(slots, direct_exitance, outside_irradiance)?;
@@ -254,11 +268,38 @@ impl Backend for SolverBackend {
         Ok(())
     }
 
-    fn set_interest(&mut self, slots: Option<&[Slot]>) -> Result<(), BackendError> {
-        let beyond = |slot: &&Slot| slot.0 >= self.capacity();
-        if let Some(&slot) = slots.and_then(|slots| slots.iter().find(beyond)) {
-            return Err(BackendError::SlotOutside(slot, self.capacity()));
+    fn set_sky(
+        &mut self,
+        slots: &[Slot],
+        sky_shares: &[f32],
+        sky_irradiance: &[Rgb],
+    ) -> Result<(), BackendError> {
+        slot_check::is_sky(slots, sky_shares, sky_irradiance)?;
+        slot_check::all_taken(slots, self.capacity(), |slot| self.is_taken(slot))?;
+        for ((slot, &share), &light) in slots.iter().zip(sky_shares).zip(sky_irradiance) {
+            let (slot, light) = (slot.0 as usize, super::light(light));
+            if std::mem::replace(&mut self.sky_shares[slot], share) != share {
+                match &mut self.state {
+                    State::Drawn(_, _, draws, _) => draws.outdate(slot),
+                    State::Hybrid(_, sampler, _) => sampler.outdate(slot),
+                    _ => {}
+                }
+            }
+            self.changed |= std::mem::replace(&mut self.sky[slot], light) != light;
         }
+        Ok(())
+    }
+
+    fn set_order(&mut self, slots: &[Slot]) -> Result<(), BackendError> {
+        slots.iter().try_for_each(|&slot| slot_check::within(slot, self.capacity()).map(|_| ()))?;
+        self.order.clear();
+        self.order.extend(slots.iter().map(|slot| slot.0));
+        Ok(())
+    }
+
+    fn set_interest(&mut self, slots: Option<&[Slot]>) -> Result<(), BackendError> {
+        let named = slots.unwrap_or_default();
+        named.iter().try_for_each(|&slot| slot_check::within(slot, self.capacity()).map(|_| ()))?;
         self.interest = slots.map(<[Slot]>::to_vec);
         self.matrix.as_mut().map_or(Ok(()), |matrix| matrix.set_interest(slots))
     }
@@ -274,7 +315,7 @@ impl Backend for SolverBackend {
         if self.is_audited {
             self.complete_matrix()?;
         }
-        self.enter_matrix_if_whole()?;
+        self.enter_if_whole()?;
         if let (State::Matrix, Some(matrix)) = (&self.state, &mut self.matrix) {
             self.changed = false;
             return matrix.step();
@@ -294,13 +335,12 @@ impl Backend for SolverBackend {
     }
 
     fn is_settled(&self) -> bool {
-        let is_whole = self.settings.method != Method::Matrix || self.method() == Method::Matrix;
         !self.changed
-            && is_whole
+            && self.is_entered(&self.settings)
             && match &self.state {
                 State::Matrix => self.matrix.as_ref().is_none_or(|matrix| matrix.is_settled()),
                 State::Gather { is_settled } => *is_settled,
-                State::Alias(..) | State::Cdf(..) => false,
+                State::Drawn(..) => false,
                 State::Progressive(unshot) | State::Hybrid(unshot, ..) => unshot.is_settled,
             }
     }
@@ -326,8 +366,9 @@ impl Backend for SolverBackend {
     fn set_audited(&mut self, is_audited: bool) -> Result<bool, BackendError> {
         self.is_audited = is_audited;
         if is_audited {
-            self.matrix_wanted()?;
-        } else if self.settings.method != Method::Matrix {
+            let settings = self.settings;
+            self.matrix_wanted(&settings)?;
+        } else if !self.settings.needs_matrix() {
             self.matrix = None;
         }
         Ok(true)
@@ -358,12 +399,8 @@ impl Backend for SolverBackend {
         if let (State::Matrix, Some(matrix)) = (&self.state, &mut self.matrix) {
             return matrix.read_irradiance(slots, out);
         }
-        if out.len() != slots.len() {
-            return Err(BackendError::Length { expected: slots.len(), actual: out.len() });
-        }
-        for &slot in slots {
-            self.taken(slot)?;
-        }
+        slot_check::one_each(slots, out.len())?;
+        slot_check::all_taken(slots, self.capacity(), |slot| self.is_taken(slot))?;
         for (slot, out) in slots.iter().zip(out) {
             *out = self.published(slot.0 as usize);
         }
@@ -383,15 +420,5 @@ impl Backend for SolverBackend {
 
     fn resolve(&mut self) -> Result<(), BackendError> {
         self.matrix.as_mut().map_or(Ok(()), |matrix| matrix.resolve())
-    }
-}
-
-impl SolverBackend {
-    fn taken(&self, slot: Slot) -> Result<usize, BackendError> {
-        let at = slot.0 as usize;
-        if at >= self.links.capacity() {
-            return Err(BackendError::SlotOutside(slot, self.capacity()));
-        }
-        if self.links.is_taken(at) { Ok(at) } else { Err(BackendError::SlotFree(slot)) }
     }
 }

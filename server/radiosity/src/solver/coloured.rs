@@ -5,114 +5,149 @@
 //! ```
 //!
 //! Rows of form factors have no colour, rows of `H` have three. One table serves all channels: a draw carries the tint of its
-//! item, so colours stay together and a third of the draws does. The sources' second way to sample; it needs the matrix.
+//! item, so colours stay together and a third of the draws does. The sources' second way to sample; it needs the matrix. What comes
+//! from outside is not drawn: `g` is known.
 
-use super::Light;
-use crate::backend::Slot;
-use crate::local_matrix::LocalMatrix;
+use super::draws::{Draws, TableSources};
+use super::links::{Link, LinkRows};
+use super::temporal::{Drawn, Scene, square_of_sum};
+use super::turns::Turns;
+use super::{Light, add_scaled};
+use crate::backend::{BackendError, Slot};
 use crate::tables::draw::{Spread, random};
 use crate::tables::{BuildRoom, RowTable, TableError};
+use earthshine_world::Rgb;
+
+/// What a draw of such a row looks at.
+#[derive(Debug, Clone, Copy)]
+struct Item {
+    slot: u32,
+    /// Whose slot it was when the table was built: who has come since is not meant.
+    tenancy: u32,
+    /// The entry's channels over their mean.
+    tint: Light,
+}
 
 /// A row of the multibounce matrix to draw from.
 #[derive(Debug, Clone, Default)]
 pub struct ColouredRow<T> {
     table: T,
-    slots: Vec<u32>,
-    /// Of each item: its channels over their mean.
-    tints: Vec<Light>,
+    items: Vec<Item>,
 }
 
 impl<T: RowTable> ColouredRow<T> {
-    /// The row of `slot`; taken slots are its items. O(slots).
+    /// Makes the row anew from its entries. O(entries).
     ///
     /// # Errors
     /// [`TableError`]: the matrix has gone wrong.
-    pub fn new(matrix: &LocalMatrix, slot: Slot, room: &mut BuildRoom) -> Result<Self, TableError> {
-        let (mut row, mut weights) = (Self::default(), Vec::new());
-        for other in matrix.taken_slots() {
-            let shares = [0, 1, 2].map(|channel| matrix.entry(channel, slot, other));
-            let mean = (shares[0] + shares[1] + shares[2]) / 3.0;
+    pub fn rebuild(
+        &mut self,
+        links: &LinkRows,
+        entries: &[(Slot, Rgb)],
+        room: &mut BuildRoom,
+    ) -> Result<(), TableError> {
+        let mut weights = Vec::with_capacity(entries.len());
+        self.items.clear();
+        for &(slot, shares) in entries {
+            let mean = shares.element_sum() / 3.0;
+            // Rounding may leave a little less than nothing.
             if mean > 0.0 {
-                row.slots.push(other.0);
-                row.tints.push([shares[0] / mean, shares[1] / mean, shares[2] / mean, 0.0]);
+                let tenancy = links.tenancy(slot.0 as usize);
+                self.items.push(Item { slot: slot.0, tenancy, tint: super::light(shares / mean) });
                 weights.push(mean);
             }
         }
-        row.table.rebuild(&weights, room)?;
-        Ok(row)
+        self.table.rebuild(&weights, room).map(|_| ())
     }
 
-    /// Irradiance from `samples` draws with key `key`; `first` is `E + rho g` by slot, `outside` is `g` of this row.
+    /// What `samples` draws with key `key` say: `sent` is `E + rho g` by slot, `outside` is `g` of this row.
     #[must_use]
-    pub fn drawn(&self, first: &[Light], outside: &Light, key: u32, samples: u32, spread: Spread) -> Light {
-        let mut sum = [0.0f32; 4];
-        if !self.slots.is_empty() {
-            for sample in 0..samples {
-                let item = self.table.draw(random(key, sample, samples, spread));
-                let (tint, light) = (&self.tints[item], &first[self.slots[item] as usize]);
-                for channel in 0..3 {
-                    sum[channel] += tint[channel] * light[channel];
-                }
+    pub fn drawn(
+        &self,
+        links: &LinkRows,
+        sent: &[Light],
+        outside: &Light,
+        key: u32,
+        samples: u32,
+        spread: Spread,
+    ) -> Drawn {
+        let (mut sum, mut squares) = ([0.0f32; 4], 0.0f32);
+        for sample in (0..samples).filter(|_| !self.items.is_empty()) {
+            let item = &self.items[self.table.draw(random(key, sample, samples, spread))];
+            if links.tenancy(item.slot as usize) == item.tenancy {
+                let light = &sent[item.slot as usize];
+                let light: Light = std::array::from_fn(|channel| item.tint[channel] * light[channel]);
+                add_scaled(&mut sum, 1.0, &light);
+                squares += square_of_sum(&light);
             }
         }
-        let scale = self.table.total() / samples as f32;
-        std::array::from_fn(|channel| sum[channel] * scale + outside[channel])
+        let mut drawn = Drawn::of(&sum, squares, samples, self.table.total());
+        add_scaled(&mut drawn.irradiance, 1.0, outside);
+        drawn
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::backend::Backend;
-    use crate::bench::Streamed;
-    use crate::closed_box::ClosedBox;
-    use crate::cpu::CpuBackend;
-    use crate::tables::draw::row_key;
-    use crate::tables::{AliasTable, CdfTable};
-    use earthshine_world::Rgb;
+/// One such row a slot. A patch that comes or goes changes all of `H`, so all rows wait for their turn; until then they
+/// miss the light of who has come, and that of who has gone is none.
+#[derive(Debug)]
+pub struct ColouredSampler<T> {
+    rows: Vec<ColouredRow<T>>,
+    turns: Turns,
+    room: BuildRoom,
+    entries: Vec<(Slot, Rgb)>,
+}
 
-    const COUNT: u32 = 90;
-
-    /// Mean light of some rows over many frames of draws, and what the matrix says.
-    fn means<T: RowTable>(spread: Spread) -> (Vec<Rgb>, Vec<Rgb>) {
-        let mut streamed = Streamed::new(ClosedBox::new(COUNT as usize, 4), COUNT as usize, 4);
-        let mut backend = CpuBackend::new(COUNT).expect("a small matrix");
-        backend.apply(&streamed.enter(COUNT as usize)).expect("free slots");
-        let slots = streamed.taken();
-        let direct: Vec<Rgb> = (0..COUNT).map(|i| Rgb::new(1.0, (i % 3) as f32, (i % 5) as f32)).collect();
-        let outside = vec![Rgb::new(0.3, 0.2, 0.1); COUNT as usize];
-        backend.set_sources(&slots, &direct, &outside).expect("taken slots");
-        backend.step().expect("the CPU steps");
-        let mut exact = vec![Rgb::ZERO; COUNT as usize];
-        backend.read_irradiance(&slots, &mut exact).expect("taken slots");
-        let first: Vec<Light> = slots
-            .iter()
-            .map(|&slot| {
-                let at = slot.0 as usize;
-                let reflectance = backend.matrix().reflectance(slot);
-                crate::solver::light(direct[at] + reflectance * outside[at])
-            })
-            .collect();
-        let mean = |&slot: &Slot| {
-            let row = ColouredRow::<T>::new(backend.matrix(), slot, &mut BuildRoom::default());
-            let (row, at) = (row.expect("a sound matrix"), slot.0 as usize);
-            let frames = (0..2000).map(|frame| {
-                let key = row_key(1, frame, slot.0);
-                crate::solver::rgb(row.drawn(&first, &crate::solver::light(outside[at]), key, 16, spread))
-            });
-            frames.sum::<Rgb>() / 2000.0
-        };
-        (slots.iter().step_by(9).map(mean).collect(), exact.into_iter().step_by(9).collect())
+impl<T: RowTable + Clone> ColouredSampler<T> {
+    pub(crate) fn new(links: &LinkRows) -> Self {
+        Self {
+            rows: vec![ColouredRow { table: T::default(), items: Vec::new() }; links.capacity()],
+            turns: Turns::new(links),
+            room: BuildRoom::default(),
+            entries: Vec::new(),
+        }
     }
 
-    #[test]
-    fn draws_of_matrix_rows_are_the_matrix_on_average_in_every_channel() {
-        for (means, exact) in
-            [means::<AliasTable>(Spread::Independent), means::<CdfTable>(Spread::Systematic)]
-        {
-            for (mean, exact) in means.iter().zip(&exact) {
-                assert!(((*mean - *exact) / *exact).abs().max_element() < 0.02, "{mean} {exact}");
-            }
-        }
+    fn outdate_all(&mut self, links: &LinkRows) {
+        (0..links.capacity()).filter(|&slot| links.is_taken(slot)).for_each(|slot| self.turns.outdate(slot));
+    }
+}
+
+impl<T: RowTable + Clone> Draws for ColouredSampler<T> {
+    fn come(&mut self, links: &LinkRows, _: usize) {
+        self.outdate_all(links);
+    }
+
+    fn go(&mut self, links: &LinkRows, slot: usize, _: &[Link]) {
+        self.rows[slot].items.clear();
+        self.turns.settle(slot);
+        self.outdate_all(links);
+    }
+
+    /// What comes from outside is not drawn.
+    fn outdate(&mut self, _: usize) {}
+
+    fn rebuild(&mut self, from: TableSources<'_>, items_max: u32) -> Result<(), BackendError> {
+        let Some(matrix) = from.matrix else { return Err(BackendError::NoRows) };
+        let Self { rows, turns, room, entries } = self;
+        let rebuilt = turns.rebuild(from.order, items_max, |slot| {
+            matrix.read_row(Slot(slot as u32), entries)?;
+            rows[slot].rebuild(from.links, entries, room).map_err(BackendError::Table)?;
+            Ok(entries.len())
+        });
+        rebuilt.map(|_| ())
+    }
+
+    fn drawn(
+        &self,
+        links: &LinkRows,
+        scene: Scene<'_>,
+        slot: usize,
+        key: u32,
+        samples: u32,
+        spread: Spread,
+    ) -> Option<Drawn> {
+        let row = &self.rows[slot];
+        let has_table = !row.items.is_empty();
+        has_table.then(|| row.drawn(links, scene.sent, &scene.outside[slot], key, samples, spread))
     }
 }

@@ -3,7 +3,12 @@
 //! A link of row `i` is `(j, F_ij)`. By reciprocity row `j` has a link to `i`, so a column is read off its own row:
 //! `F_ij = A_j F_ji / A_i`, and who leaves is struck from the rows it names.
 
+use crate::tables::masses;
 use earthshine_world::Rgb;
+use rayon::prelude::*;
+
+/// Rows that a task sums at least.
+const ROWS_A_TASK: usize = 64;
 
 /// One form factor.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,6 +26,10 @@ pub struct LinkRows {
     /// m2; 0 where a slot is free.
     areas: Vec<f32>,
     reflectance: Vec<Rgb>,
+    /// Sums of rows, what is left of one; not a number where the row has changed since.
+    outside_shares: Vec<f32>,
+    /// How often each slot has been left.
+    tenancies: Vec<u32>,
     link_count: usize,
     taken_count: usize,
 }
@@ -31,6 +40,8 @@ impl LinkRows {
             rows: vec![Vec::new(); capacity],
             areas: vec![0.0; capacity],
             reflectance: vec![Rgb::ZERO; capacity],
+            outside_shares: vec![f32::NAN; capacity],
+            tenancies: vec![0; capacity],
             link_count: 0,
             taken_count: 0,
         }
@@ -72,6 +83,12 @@ impl LinkRows {
         self.reflectance[slot]
     }
 
+    /// Tells the patch in `slot` from those that held the slot before it.
+    #[must_use]
+    pub fn tenancy(&self, slot: usize) -> u32 {
+        self.tenancies[slot]
+    }
+
     /// Links of the patch in `slot`.
     #[must_use]
     pub fn row(&self, slot: usize) -> &[Link] {
@@ -82,9 +99,19 @@ impl LinkRows {
     /// may carry it below zero: tables count that and take zero. The twin of the shaders' parallel sum, in its order: lanes of 256, then a tree.
     #[must_use]
     pub fn outside_share(&self, slot: usize, shares: &mut Vec<f32>) -> f32 {
-        shares.clear();
-        shares.extend(self.rows[slot].iter().map(|link| link.share));
-        1.0 - crate::tables::masses::total_of(shares)
+        left_of(&self.rows[slot], shares)
+    }
+
+    /// [`Self::outside_share`] of every slot; rows that have not changed since the last call are not summed again.
+    pub(crate) fn outside_shares(&mut self) -> &[f32] {
+        let rows = &self.rows;
+        let shares = self.outside_shares.par_iter_mut().with_min_len(ROWS_A_TASK).enumerate();
+        shares.for_each_init(Vec::new, |room, (slot, share)| {
+            if share.is_nan() {
+                *share = left_of(&rows[slot], room);
+            }
+        });
+        &self.outside_shares
     }
 
     /// A patch enters a free slot. `row` names slots, itself included; twice named, shares add up. Free slots are passed
@@ -109,10 +136,12 @@ impl LinkRows {
         for link in own.iter().filter(|link| link.slot != slot as u32) {
             let other = link.slot as usize;
             self.rows[other].push(Link { slot: slot as u32, share: link.share * area / self.areas[other] });
+            self.outside_shares[other] = f32::NAN;
             self.link_count += 1;
         }
         self.link_count += own.len();
         self.rows[slot] = own;
+        self.outside_shares[slot] = f32::NAN;
     }
 
     /// The patch in `slot` leaves. Returns its links.
@@ -123,13 +152,22 @@ impl LinkRows {
             let before = row.len();
             row.retain(|back| back.slot != slot as u32);
             self.link_count -= before - row.len();
+            self.outside_shares[link.slot as usize] = f32::NAN;
         }
         self.link_count -= own.len();
         self.areas[slot] = 0.0;
+        self.outside_shares[slot] = f32::NAN;
         self.reflectance[slot] = Rgb::ZERO;
+        self.tenancies[slot] = self.tenancies[slot].wrapping_add(1);
         self.taken_count -= 1;
         own
     }
+}
+
+fn left_of(row: &[Link], shares: &mut Vec<f32>) -> f32 {
+    shares.clear();
+    shares.extend(row.iter().map(|link| link.share));
+    1.0 - masses::total_of(shares)
 }
 
 #[cfg(test)]
@@ -164,6 +202,13 @@ mod tests {
         assert_eq!(count, rows.link_count());
         let seen: f32 = rows.row(1).iter().map(|link| link.share).sum();
         assert!((rows.outside_share(1, &mut Vec::new()) - (1.0 - seen)).abs() < 1e-6);
+        // Kept sums follow as well.
+        rows.outside_shares();
+        rows.remove(4);
+        let kept = rows.outside_shares().to_vec();
+        for (slot, &kept) in kept.iter().enumerate() {
+            assert_eq!(kept, rows.outside_share(slot, &mut Vec::new()), "{slot}");
+        }
     }
 
     /// Goal: whoever names a free slot plants nothing in it.

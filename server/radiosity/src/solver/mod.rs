@@ -12,10 +12,12 @@
 //! | [`Method::Hybrid`] | as before, and draws estimate what is not shot yet | at once, noisily; exact within a few frames | nothing is done, once settled |
 //!
 //! Start at [`backend`] for the state and its life, at [`temporal`], [`shooting`] and [`remainder`] for the methods; [`coloured`] draws from
-//! rows of the matrix instead.
+//! rows of the matrix instead ([`DrawnRows::Multibounce`]).
 
 pub mod backend;
 pub mod coloured;
+mod draws;
+mod flux;
 mod guard;
 pub mod links;
 pub mod remainder;
@@ -26,9 +28,10 @@ pub mod step_gather;
 pub mod temporal;
 #[cfg(test)]
 mod tests;
+pub mod turns;
 
 pub use backend::SolverBackend;
-pub use settings::{Method, SettingsError, SolverSettings};
+pub use settings::{DrawnRows, Method, SettingsError, SolverSettings};
 
 /// Linear RGB and a number of padding: what loops over light read at once.
 pub type Light = [f32; 4];

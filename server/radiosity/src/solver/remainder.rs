@@ -33,15 +33,14 @@ pub fn step<T: RowTable + Clone>(
     frame: u32,
     rest: &mut [Light],
 ) {
-    let leaving: Vec<Light> = (0..links.capacity())
-        .map(|slot| {
-            let reflectance = super::light(links.reflectance(slot));
-            std::array::from_fn(|c| unshot[slot][c] + reflectance[c] * rest[slot][c])
-        })
-        .collect();
+    let leaving = (0..links.capacity()).into_par_iter().with_min_len(ROWS_MIN).map(|slot| -> Light {
+        let reflectance = super::light(links.reflectance(slot));
+        std::array::from_fn(|c| unshot[slot][c] + reflectance[c] * rest[slot][c])
+    });
+    let leaving: Vec<Light> = leaving.collect();
     // Nothing of the rest comes from outside: a change there is in `I` at once.
     let none = vec![[0.0; 4]; links.capacity()];
-    let scene = Scene { sent: &leaving, outside: &none };
+    let scene = Scene { sent: &leaving, far: &none, sky: &none, outside: &none };
     let samples = (settings.samples_per_row / SAMPLES_PART).max(1);
     rest.par_iter_mut().with_min_len(ROWS_MIN).enumerate().for_each(|(slot, rest)| {
         let row = sampler.row(slot);

@@ -1,21 +1,28 @@
 //! Tables of resident rows, rebuilt a few at a time: [`RowSampler`].
 //!
-//! A row's items are its links and, last, one for all that comes from outside the resident set, as likely as
-//! [`LinkRows::outside_share`] says. A row that has changed keeps its old table until its turn: an item whose patch has
-//! left looks outside meanwhile, so the row's probabilities still sum to one and no light is invented.
+//! A row's items are its links and, last, two for what comes from outside the resident set: what is far and the sky, as
+//! likely as [`LinkRows::outside_share`] and the sky's share say. A row that has changed keeps its old table until its
+//! turn: an item whose patch has left looks far meanwhile, so the row's probabilities still sum to one and no light is
+//! invented. The most urgent rows have their turn first, and a part of every step goes round all of them.
 
-use super::links::LinkRows;
+use super::draws::{Draws, TableSources};
+use super::links::{Link, LinkRows};
+use super::temporal::{Drawn, Scene, drawn};
+use super::turns::{Rebuilt, Turns};
+use crate::backend::BackendError;
+use crate::tables::draw::Spread;
 use crate::tables::{BuildRoom, RowTable, TableError};
 
-/// What a draw looks at: a slot, or what comes from outside.
-pub const OUTSIDE: u32 = u32::MAX;
-
+/// What a draw looks at besides slots: what is far, that is neither resident nor the sky.
+pub const FAR: u32 = u32::MAX;
+/// What a draw looks at besides slots: the sky.
+pub const SKY: u32 = u32::MAX - 1;
 /// The table of one row.
 #[derive(Debug, Clone, Default)]
 pub struct RowDraw<T> {
     /// Over the items of `outcomes`.
     pub table: T,
-    /// A slot an item, or [`OUTSIDE`].
+    /// A slot an item, or [`FAR`], or [`SKY`].
     pub outcomes: Vec<u32>,
 }
 
@@ -23,37 +30,18 @@ pub struct RowDraw<T> {
 #[derive(Debug)]
 pub struct RowSampler<T> {
     rows: Vec<RowDraw<T>>,
-    /// Slots whose rows changed after their tables were built.
-    is_old: Vec<bool>,
-    old_count: usize,
-    /// Where the next rebuild goes on.
-    cursor: usize,
+    turns: Turns,
     room: BuildRoom,
     weights: Vec<f32>,
     /// Negative weights that counted as zero.
     clamped: u64,
 }
 
-/// What a call of `RowSampler::rebuild` did.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Rebuilt {
-    /// Tables.
-    pub rows: u32,
-    /// Items of them.
-    pub items: u64,
-    /// Rows that still wait.
-    pub waiting: u32,
-}
-
 impl<T: RowTable + Clone> RowSampler<T> {
     pub(crate) fn new(links: &LinkRows) -> Self {
-        let capacity = links.capacity();
-        let is_old: Vec<bool> = (0..capacity).map(|slot| links.is_taken(slot)).collect();
         Self {
-            rows: vec![RowDraw { table: T::default(), outcomes: Vec::new() }; capacity],
-            old_count: links.taken_count(),
-            is_old,
-            cursor: 0,
+            rows: vec![RowDraw { table: T::default(), outcomes: Vec::new() }; links.capacity()],
+            turns: Turns::new(links),
             room: BuildRoom::default(),
             weights: Vec::new(),
             clamped: 0,
@@ -78,51 +66,80 @@ impl<T: RowTable + Clone> RowSampler<T> {
         self.rows.iter().map(|row| row.table.bytes() + row.outcomes.len() * size_of::<u32>()).sum()
     }
 
-    /// The row of `slot` is no longer what its table says.
-    pub(crate) fn outdate(&mut self, slot: usize) {
-        self.old_count += usize::from(!std::mem::replace(&mut self.is_old[slot], true));
-    }
-
     /// The patch in `slot` leaves; `neighbours` have it in their rows.
     pub(crate) fn forget(&mut self, slot: usize, neighbours: impl Iterator<Item = usize>) {
         for neighbour in neighbours.filter(|&neighbour| neighbour != slot) {
             for outcome in self.rows[neighbour].outcomes.iter_mut().filter(|outcome| **outcome == slot as u32)
             {
-                *outcome = OUTSIDE;
+                *outcome = FAR;
             }
-            self.outdate(neighbour);
+            self.turns.outdate(neighbour);
         }
         self.rows[slot] = RowDraw::default();
-        self.old_count -= usize::from(std::mem::take(&mut self.is_old[slot]));
+        self.turns.settle(slot);
     }
 
-    /// Rebuilds tables of changed rows, in turn, until `items_max` items are exceeded.
+    /// Rebuilds tables of changed rows, the first of `order` first, until `items_max` items are exceeded.
     ///
     /// # Errors
     /// [`TableError`]: a row that cannot be; rows are checked when patches enter.
-    pub(crate) fn rebuild(&mut self, links: &LinkRows, items_max: u32) -> Result<Rebuilt, TableError> {
-        let mut rebuilt = Rebuilt::default();
-        let mut looked_at = 0;
-        while self.old_count > 0 && rebuilt.items < u64::from(items_max) && looked_at < self.rows.len() {
-            let slot = self.cursor;
-            self.cursor = (self.cursor + 1) % self.rows.len();
-            looked_at += 1;
-            if !self.is_old[slot] {
-                continue;
-            }
-            let outside = links.outside_share(slot, &mut self.weights);
-            self.weights.push(outside);
-            let RowDraw { table, outcomes } = &mut self.rows[slot];
-            self.clamped += u64::from(table.rebuild(&self.weights, &mut self.room)?);
+    pub(crate) fn rebuild(
+        &mut self,
+        links: &LinkRows,
+        sky_shares: &[f32],
+        order: &[u32],
+        items_max: u32,
+    ) -> Result<Rebuilt, TableError> {
+        let Self { rows, turns, room, weights, clamped } = self;
+        turns.rebuild(order, items_max, |slot| {
+            let outside = links.outside_share(slot, weights);
+            let sky = sky_part(outside, sky_shares[slot]);
+            weights.extend([outside - sky, sky]);
+            let RowDraw { table, outcomes } = &mut rows[slot];
+            *clamped += u64::from(table.rebuild(weights, room)?);
             outcomes.clear();
             outcomes.extend(links.row(slot).iter().map(|link| link.slot));
-            outcomes.push(OUTSIDE);
-            self.is_old[slot] = false;
-            self.old_count -= 1;
-            rebuilt.rows += 1;
-            rebuilt.items += self.weights.len() as u64;
-        }
-        rebuilt.waiting = self.old_count as u32;
-        Ok(rebuilt)
+            outcomes.extend([FAR, SKY]);
+            Ok(weights.len())
+        })
     }
+}
+
+impl<T: RowTable + Clone> Draws for RowSampler<T> {
+    fn come(&mut self, links: &LinkRows, slot: usize) {
+        let neighbours = links.row(slot).iter().map(|link| link.slot as usize);
+        neighbours.chain([slot]).for_each(|row| self.turns.outdate(row));
+    }
+
+    fn go(&mut self, _: &LinkRows, slot: usize, gone: &[Link]) {
+        self.forget(slot, gone.iter().map(|link| link.slot as usize));
+    }
+
+    fn outdate(&mut self, slot: usize) {
+        self.turns.outdate(slot);
+    }
+
+    fn rebuild(&mut self, from: TableSources<'_>, items_max: u32) -> Result<(), BackendError> {
+        let rebuilt = self.rebuild(from.links, from.sky_shares, from.order, items_max);
+        rebuilt.map(|_| ()).map_err(BackendError::Table)
+    }
+
+    fn drawn(
+        &self,
+        _: &LinkRows,
+        scene: Scene<'_>,
+        slot: usize,
+        key: u32,
+        samples: u32,
+        spread: Spread,
+    ) -> Option<Drawn> {
+        let row = &self.rows[slot];
+        (!row.outcomes.is_empty()).then(|| drawn(row, scene, slot, key, samples, spread))
+    }
+}
+
+/// What of a row's share of the outside is the sky's; the rest is far. Rounding of the row goes to the far part.
+#[must_use]
+pub fn sky_part(outside_share: f32, sky_share: f32) -> f32 {
+    sky_share.clamp(0.0, outside_share.max(0.0))
 }

@@ -31,6 +31,12 @@ impl Method {
         matches!(self, Self::Alias | Self::Cdf)
     }
 
+    /// Whether it draws from tables.
+    #[must_use]
+    pub const fn draws(self) -> bool {
+        matches!(self, Self::Alias | Self::Cdf | Self::Hybrid)
+    }
+
     /// As in configuration and figures.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -51,11 +57,23 @@ impl std::fmt::Display for Method {
     }
 }
 
+/// Which rows [`Method::Alias`] and [`Method::Cdf`] draw from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum DrawnRows {
+    /// Rows of form factors: a bounce a frame, through the light of the frame before.
+    #[default]
+    FormFactors,
+    /// Rows of the multibounce matrix: all bounces at once, each channel by its own entries; takes the matrix as well.
+    Multibounce,
+}
+
 /// What a [`SolverBackend`](super::SolverBackend) does a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SolverSettings {
     /// How light is advanced.
     pub method: Method,
+    /// What `alias` and `cdf` draw from.
+    pub rows: DrawnRows,
     /// Of every draw.
     pub seed: u32,
     /// Draws a row and frame (k), 1 to [`Self::SAMPLES_MAX`]. Higher: less noise, longer frames.
@@ -76,6 +94,7 @@ impl Default for SolverSettings {
     fn default() -> Self {
         Self {
             method: Method::Matrix,
+            rows: DrawnRows::FormFactors,
             seed: 1,
             samples_per_row: 32,
             history_weight: 0.998,
@@ -125,6 +144,17 @@ impl SolverSettings {
             return Err(SettingsError::ShotLinks);
         }
         Ok(())
+    }
+
+    /// Whether light comes from the matrix, whole or drawn.
+    #[must_use]
+    pub fn needs_matrix(&self) -> bool {
+        self.method == Method::Matrix || self.is_coloured()
+    }
+
+    /// Whether rows of the matrix are drawn from.
+    pub(crate) fn is_coloured(&self) -> bool {
+        self.method.is_endless() && self.rows == DrawnRows::Multibounce
     }
 
     /// How the method spreads its draws.

@@ -13,8 +13,10 @@
 //! `|r| A` over its exponent and three bits, which a shader can repeat; within the last class it goes by slot.
 //! Some rows are gathered afresh every frame, which takes away what rounding has left.
 
+use super::flux::{Flux, Shooter};
 use super::links::LinkRows;
 use super::{Light, add_scaled, step_gather};
+use rayon::prelude::*;
 
 /// Rounds a frame, of equal budgets.
 pub const ROUNDS: u32 = 4;
@@ -26,6 +28,8 @@ pub const SETTLE_FRAMES: u32 = 240;
 const REFRESH_SHARE: u64 = 32;
 /// A fresh row that differs by less than this share of its light is left alone: that is rounding of the gather itself.
 const REFRESH_TOLERANCE: f32 = 4e-6;
+/// Patches a task takes.
+const PATCHES_A_TASK: usize = 4096;
 /// Classes of importance: sign, exponent and three bits of a positive `f32`.
 const CLASSES: usize = 1 << 11;
 /// What the remembered scale of light keeps a frame, so that light going out does not make everything important.
@@ -47,8 +51,10 @@ pub struct ShotStats {
 pub struct Unshot {
     /// `r`, lm/m2.
     pub exitance: Vec<Light>,
-    /// Flux that has arrived in this round, lm.
-    pending: Vec<Light>,
+    /// Flux that has arrived in this round.
+    flux: Flux,
+    /// Who shoots in this round.
+    shooters: Vec<Shooter>,
     /// Importance of each patch in this round, 0 for those that need not shoot.
     importance: Vec<f32>,
     classes: Vec<u64>,
@@ -66,7 +72,8 @@ impl Unshot {
     pub fn new(capacity: usize) -> Self {
         Self {
             exitance: vec![[0.0; 4]; capacity],
-            pending: vec![[0.0; 4]; capacity],
+            flux: Flux::new(capacity),
+            shooters: Vec::new(),
             importance: vec![0.0; capacity],
             classes: vec![0; CLASSES],
             scale: 0.0,
@@ -94,10 +101,10 @@ impl Unshot {
     pub fn leave(&mut self, links: &LinkRows, slot: usize, sent: &Light) {
         let flux = sent.map(|sent| -sent * links.area(slot));
         for link in links.row(slot) {
-            add_scaled(&mut self.pending[link.slot as usize], link.share, &flux);
+            add_scaled(&mut self.flux.arrived()[link.slot as usize], link.share, &flux);
         }
         self.exitance[slot] = [0.0; 4];
-        self.pending[slot] = [0.0; 4];
+        self.flux.arrived()[slot] = [0.0; 4];
         self.wake();
     }
 
@@ -129,31 +136,33 @@ impl Unshot {
 
     /// Brings arrived flux into light and unshot exitance, and finds who matters.
     fn fold(&mut self, links: &LinkRows, irradiance: &mut [Light]) {
-        self.classes.fill(0);
         let least = UNSHOT_TOLERANCE * self.scale;
-        for (slot, irradiance) in irradiance.iter_mut().enumerate() {
-            let area = links.area(slot);
-            if area == 0.0 {
-                self.importance[slot] = 0.0;
-                continue;
-            }
-            let (unshot, pending) = (&mut self.exitance[slot], &mut self.pending[slot]);
-            if *pending != [0.0; 4] {
-                let reflectance = super::light(links.reflectance(slot));
-                for channel in 0..3 {
-                    let arrived = pending[channel] / area;
-                    irradiance[channel] += arrived;
-                    unshot[channel] += reflectance[channel] * arrived;
+        let tasks = irradiance
+            .par_chunks_mut(PATCHES_A_TASK)
+            .zip(self.exitance.par_chunks_mut(PATCHES_A_TASK))
+            .zip(self.flux.arrived().par_chunks_mut(PATCHES_A_TASK))
+            .zip(self.importance.par_chunks_mut(PATCHES_A_TASK))
+            .enumerate();
+        let classes = tasks.map(|(task, (((irradiance, unshot), arrived), importance))| {
+            let mut classes = vec![0u64; CLASSES];
+            for (at, importance) in importance.iter_mut().enumerate() {
+                let slot = task * PATCHES_A_TASK + at;
+                let (light, unshot) = (&mut irradiance[at], &mut unshot[at]);
+                fold_patch(links, slot, std::mem::take(&mut arrived[at]), light, unshot);
+                let most = unshot[0].abs().max(unshot[1].abs()).max(unshot[2].abs()) * links.area(slot);
+                *importance = if most > least { most } else { 0.0 };
+                if *importance > 0.0 {
+                    classes[class_of(most)] += links.row(slot).len().max(1) as u64;
                 }
-                *pending = [0.0; 4];
             }
-            let importance = unshot[0].abs().max(unshot[1].abs()).max(unshot[2].abs()) * area;
-            let matters = importance > least;
-            self.importance[slot] = if matters { importance } else { 0.0 };
-            if matters {
-                self.classes[class_of(importance)] += links.row(slot).len().max(1) as u64;
-            }
-        }
+            classes
+        });
+        // Counts: their sums are the same in any order.
+        let add = |mut sums: Vec<u64>, terms: Vec<u64>| {
+            sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
+            sums
+        };
+        self.classes = classes.reduce_with(add).unwrap_or_else(|| vec![0; CLASSES]);
     }
 
     /// The most important patches shoot until their links exceed `budget`. Returns whether any did.
@@ -168,6 +177,8 @@ impl Unshot {
         }
         // What all classes above the last take is theirs; the last shares what remains by slot.
         let mut rest = budget.max(1).saturating_sub(above - self.classes[last]);
+        let before = stats.links;
+        self.shooters.clear();
         for slot in 0..links.capacity() {
             let importance = self.importance[slot];
             if importance == 0.0 || class_of(importance) < last {
@@ -182,12 +193,11 @@ impl Unshot {
             }
             let area = links.area(slot);
             let flux = std::mem::take(&mut self.exitance[slot]).map(|unshot| unshot * area);
-            for link in links.row(slot) {
-                add_scaled(&mut self.pending[link.slot as usize], link.share, &flux);
-            }
+            self.shooters.push((slot as u32, flux));
             stats.shooters += 1;
             stats.links += count;
         }
+        self.flux.send(links, &self.shooters, stats.links - before);
         true
     }
 
@@ -229,15 +239,34 @@ impl Unshot {
 
     /// `sum A B` and `sum A |r|`, largest channels, lm.
     fn power(&self, links: &LinkRows, direct: &[Light], irradiance: &[Light]) -> (f64, f64) {
-        let (mut power, mut unshot) = (0.0f64, 0.0f64);
-        for slot in 0..links.capacity() {
-            let (area, reflectance) = (links.area(slot), super::light(links.reflectance(slot)));
-            let largest = |value: &dyn Fn(usize) -> f32| value(0).max(value(1)).max(value(2)) * area;
-            let leaving = |c: usize| (direct[slot][c] + reflectance[c] * irradiance[slot][c]).abs();
-            power += f64::from(largest(&leaving));
-            unshot += f64::from(largest(&|c| self.exitance[slot][c].abs()));
+        let of_task = |(task, exitance): (usize, &[Light])| {
+            let (mut power, mut unshot) = (0.0f64, 0.0f64);
+            for (at, exitance) in exitance.iter().enumerate() {
+                let slot = task * PATCHES_A_TASK + at;
+                let (area, reflectance) = (links.area(slot), super::light(links.reflectance(slot)));
+                let largest = |value: &dyn Fn(usize) -> f32| value(0).max(value(1)).max(value(2)) * area;
+                let leaving = |c: usize| (direct[slot][c] + reflectance[c] * irradiance[slot][c]).abs();
+                power += f64::from(largest(&leaving));
+                unshot += f64::from(largest(&|c| exitance[c].abs()));
+            }
+            (power, unshot)
+        };
+        let tasks: Vec<(f64, f64)> =
+            self.exitance.par_chunks(PATCHES_A_TASK).enumerate().map(of_task).collect();
+        tasks.into_iter().fold((0.0, 0.0), |sum, task| (sum.0 + task.0, sum.1 + task.1))
+    }
+}
+
+/// Brings flux that has `arrived` at a patch into its light, and what it reflects of it into what it has to shoot.
+fn fold_patch(links: &LinkRows, slot: usize, arrived: Light, irradiance: &mut Light, unshot: &mut Light) {
+    let area = links.area(slot);
+    if area > 0.0 && arrived != [0.0; 4] {
+        let reflectance = super::light(links.reflectance(slot));
+        for channel in 0..3 {
+            let arrived = arrived[channel] / area;
+            irradiance[channel] += arrived;
+            unshot[channel] += reflectance[channel] * arrived;
         }
-        (power, unshot)
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! B_j   = E_j + rho_j I_j                       what leaves each patch: the past times reflectance, not the past itself
-//! I_now = total / k * sum of k draws of B_j     an item of what is outside brings g_i / F_0i
+//! I_now = total / k * sum of k draws of B_j     what is far brings g_far / F_far, the sky g_sky / F_sky
 //! I     = w I + (1 - w) I_now
 //! ```
 //!
@@ -10,7 +10,7 @@
 //! it. Rows are uncoloured and light is RGB, so one draw serves all channels.
 
 use super::links::LinkRows;
-use super::sampler::{OUTSIDE, RowDraw, RowSampler};
+use super::sampler::{FAR, RowDraw, SKY};
 use super::{Light, SolverSettings, add_scaled};
 use crate::tables::RowTable;
 use crate::tables::draw::{Spread, random, row_key};
@@ -34,7 +34,11 @@ const AGE_AFTER_MOVE: f32 = 3.0;
 pub struct Scene<'a> {
     /// What leaves each patch.
     pub sent: &'a [Light],
-    /// What each row's draw of the outside brings: `g_i / F_0i`.
+    /// What each row's draw of [`FAR`] brings: the light that is far over its share.
+    pub far: &'a [Light],
+    /// What each row's draw of [`SKY`] brings.
+    pub sky: &'a [Light],
+    /// What arrives from outside, whole: for rows that draw none of it.
     pub outside: &'a [Light],
 }
 
@@ -60,17 +64,33 @@ pub fn drawn<T: RowTable>(
     let (mut sum, mut squares) = ([0.0f32; 4], 0.0f32);
     for sample in 0..samples {
         let outcome = row.outcomes[row.table.draw(random(key, sample, samples, spread))];
-        let light = if outcome == OUTSIDE { &scene.outside[slot] } else { &scene.sent[outcome as usize] };
+        let light = match outcome {
+            FAR => &scene.far[slot],
+            SKY => &scene.sky[slot],
+            _ => &scene.sent[outcome as usize],
+        };
         add_scaled(&mut sum, 1.0, light);
-        let all = light[0] + light[1] + light[2];
-        squares += all * all;
+        squares += square_of_sum(light);
     }
-    let (scale, count) = (row.table.total() / samples as f32, samples as f32);
-    let all = sum[0] + sum[1] + sum[2];
-    let spread = (squares / count - (all / count) * (all / count)).max(0.0);
-    Drawn {
-        irradiance: sum.map(|sum| sum * scale),
-        variance: spread / count * row.table.total() * row.table.total(),
+    Drawn::of(&sum, squares, samples, row.table.total())
+}
+
+/// Square of the sum of channels.
+#[inline(always)]
+pub(crate) fn square_of_sum(light: &Light) -> f32 {
+    let all = light[0] + light[1] + light[2];
+    all * all
+}
+
+impl Drawn {
+    /// From the sum of `samples` draws and the sum of their [`square_of_sum`]s, by a table of weight `total`.
+    #[inline]
+    pub(crate) fn of(sum: &Light, squares: f32, samples: u32, total: f32) -> Self {
+        let count = samples as f32;
+        let mean = (sum[0] + sum[1] + sum[2]) / count;
+        let spread = (squares / count - mean * mean).max(0.0);
+        let scale = total / count;
+        Self { irradiance: sum.map(|sum| sum * scale), variance: spread / count * total * total }
     }
 }
 
@@ -87,27 +107,25 @@ pub struct RowNoise {
     samples: u32,
 }
 
-/// Advances `irradiance` by a frame.
-pub fn step<T: RowTable + Clone>(
+/// Advances `irradiance` by a frame. `draw` is what draws of a row say, given its slot, key and number of draws; nothing
+/// for a row without a table yet, which keeps its light.
+pub fn step(
     links: &LinkRows,
-    sampler: &RowSampler<T>,
-    scene: Scene<'_>,
     settings: &SolverSettings,
     frame: u32,
     noise: &mut [RowNoise],
     irradiance: &mut [Light],
+    draw: impl Fn(usize, u32, u32) -> Option<Drawn> + Sync,
 ) {
-    let spread = settings.spread();
     let rows = irradiance.par_iter_mut().zip(noise.par_iter_mut()).with_min_len(ROWS_MIN).enumerate();
     rows.for_each(|(slot, (irradiance, noise))| {
-        let row = sampler.row(slot);
-        if !links.is_taken(slot) || row.outcomes.is_empty() {
+        if !links.is_taken(slot) {
             return;
         }
         let key = row_key(settings.seed, frame, slot as u32);
         let samples =
             if settings.adaptive && noise.samples > 0 { noise.samples } else { settings.samples_per_row };
-        let now = drawn(row, scene, slot, key, samples, spread);
+        let Some(now) = draw(slot, key, samples) else { return };
         let weight = if settings.adaptive {
             noise.weigh(&now, irradiance, settings.history_weight)
         } else {

@@ -1,9 +1,9 @@
 //! Every method against the matrix, through the trait: steady light, steps of light, streaming, changes of method.
 
 use super::links::LinkRows;
-use super::sampler::{OUTSIDE, RowSampler};
+use super::sampler::{FAR, RowSampler, SKY};
 use super::shooting::SETTLE_FRAMES;
-use super::{Method, SettingsError, SolverBackend, SolverSettings};
+use super::{DrawnRows, Method, SettingsError, SolverBackend, SolverSettings};
 use crate::backend::{Backend, BackendError, Slot, Update};
 use crate::bench::Streamed;
 use crate::closed_box::ClosedBox;
@@ -54,6 +54,9 @@ impl Pair {
             .collect();
         let around = vec![Rgb::new(0.5, 0.6, 1.0) * outside; slots.len()];
         self.backend.set_sources(&slots, &direct, &around).expect("taken slots");
+        // Part of what comes from outside is the sky's, in another colour.
+        let sky = vec![Rgb::new(0.1, 0.2, 0.9) * outside; slots.len()];
+        self.backend.set_sky(&slots, &vec![0.05; slots.len()], &sky).expect("taken slots");
         self.oracle.set_sources(&slots, &direct, &around).expect("taken slots");
         self.oracle.step().expect("the CPU steps");
     }
@@ -106,8 +109,14 @@ fn what_settles_is_the_matrix() {
 /// of a thousand frames is some seventh of a frame's, as each keeps nine tenths of the last.
 #[test]
 fn what_draws_is_the_matrix_on_average() {
-    for (method, adaptive) in [(Method::Alias, false), (Method::Cdf, false), (Method::Alias, true)] {
-        let mut pair = Pair::new(SolverSettings { history_weight: 0.9, adaptive, ..settings(method) });
+    for (method, adaptive, rows) in [
+        (Method::Alias, false, DrawnRows::FormFactors),
+        (Method::Cdf, false, DrawnRows::FormFactors),
+        (Method::Alias, true, DrawnRows::FormFactors),
+        (Method::Alias, false, DrawnRows::Multibounce),
+        (Method::Cdf, true, DrawnRows::Multibounce),
+    ] {
+        let mut pair = Pair::new(SolverSettings { history_weight: 0.9, adaptive, rows, ..settings(method) });
         pair.shine(10.0, 1.0);
         pair.step(200);
         let mut mean = vec![Rgb::ZERO; COUNT as usize];
@@ -117,7 +126,7 @@ fn what_draws_is_the_matrix_on_average() {
         }
         let exact = pair.exact();
         let (error, noise) = (rel_rmse(&mean, &exact), pair.error());
-        assert!(error < 0.013 && noise < 0.12, "{method} {adaptive}: {error} {noise}");
+        assert!(error < 0.013 && noise < 0.12, "{method} {adaptive} {rows:?}: {error} {noise}");
     }
 }
 
@@ -235,8 +244,11 @@ fn streaming_ends_at_the_matrix_of_who_is_there() {
 
 #[test]
 fn draws_follow_who_comes_and_goes() {
-    for method in [Method::Alias, Method::Cdf] {
-        let mut pair = Pair::new(SolverSettings { rebuild_items_per_step: 500, ..settings(method) });
+    let few = SolverSettings { rebuild_items_per_step: 500, ..settings(Method::Alias) };
+    let coloured = SolverSettings { rows: DrawnRows::Multibounce, ..few };
+    for settings in [few, SolverSettings { method: Method::Cdf, ..few }, coloured] {
+        let mut pair = Pair::new(settings);
+        let method = settings.method;
         for _ in 0..40 {
             let mut updates = pair.streamed.leave(7);
             updates.extend(pair.streamed.enter(7));
@@ -259,10 +271,13 @@ fn methods_change_without_a_jump() {
     pair.shine(10.0, 1.0);
     pair.step(SETTLE_FRAMES);
     let all = [Method::Matrix, Method::Cdf, Method::Gather, Method::Alias, Method::Progressive];
-    let to = all.into_iter().chain([Method::Matrix, Method::Hybrid]);
-    for method in to {
+    let plain = |method| (method, DrawnRows::FormFactors);
+    let to =
+        all.into_iter().map(plain).chain([(Method::Alias, DrawnRows::Multibounce), plain(Method::Alias)]);
+    let back = [(Method::Cdf, DrawnRows::Multibounce), plain(Method::Matrix), plain(Method::Hybrid)];
+    for (method, rows) in to.chain(back) {
         let before = pair.light();
-        assert_eq!(pair.backend.set_solver(&settings(method)), Ok(true));
+        assert_eq!(pair.backend.set_solver(&SolverSettings { rows, ..settings(method) }), Ok(true));
         for _ in 0..10 {
             pair.step(1);
             let moved = rel_rmse(&pair.light(), &before);
@@ -305,7 +320,8 @@ fn an_audit_measures_what_the_oracle_does() {
 fn a_stale_row_looks_outside_for_who_has_left() {
     let mut pair = Pair::new(settings(Method::Gather));
     let mut sampler = RowSampler::<AliasTable>::new(pair.backend.links());
-    let rebuilt = sampler.rebuild(pair.backend.links(), u32::MAX).expect("sound rows");
+    let sky_shares = vec![0.05; COUNT as usize];
+    let rebuilt = sampler.rebuild(pair.backend.links(), &sky_shares, &[], u32::MAX).expect("sound rows");
     assert_eq!((rebuilt.rows, rebuilt.waiting), (COUNT, 0));
     let gone = pair.streamed.taken()[7].0 as usize;
     let neighbours: Vec<usize> =
@@ -315,11 +331,15 @@ fn a_stale_row_looks_outside_for_who_has_left() {
     for &row in neighbours.iter().filter(|&&row| row != gone) {
         let row = sampler.row(row);
         assert!(row.outcomes.iter().all(|&outcome| outcome != gone as u32));
-        assert_eq!(row.outcomes.iter().filter(|&&outcome| outcome == OUTSIDE).count(), 2);
+        let of = |wanted| row.outcomes.iter().filter(|&&outcome| outcome == wanted).count();
+        assert_eq!((of(FAR), of(SKY)), (2, 1));
         assert!((row.table.total() - 1.0).abs() < 1e-5);
     }
-    let first = sampler.rebuild(pair.backend.links(), 1).expect("sound rows");
+    let urgent: Vec<u32> = vec![gone as u32, neighbours[4] as u32];
+    let first = sampler.rebuild(pair.backend.links(), &sky_shares, &urgent, 1).expect("sound rows");
     assert_eq!((first.rows, first.waiting as usize), (1, neighbours.len() - 1));
+    let nearest = sampler.row(neighbours[4]);
+    assert!(nearest.outcomes.iter().filter(|&&outcome| outcome == FAR).count() == 1, "the most urgent first");
     assert_eq!(sampler.clamped(), 0);
     assert!(sampler.bytes() > 0);
 }
@@ -338,6 +358,11 @@ fn light_and_rows_that_cannot_be_are_refused() {
         for share in [-0.1, 1.5, f32::NAN] {
             assert!(matches!(backend.apply(&[add(share)]), Err(BackendError::Share(..))), "{share}");
         }
+        let Update::Add { slot, reflectance, area, column, .. } = add(0.5) else { panic!("an add") };
+        let row = vec![(slot, 0.6), (slot, 0.41)];
+        let too_much = Update::Add { slot, reflectance, area, row, column };
+        let error = backend.apply(&[too_much]).expect_err("more than all");
+        assert!(matches!(error, BackendError::RowSum { slot: Slot(0), .. }), "{error}");
         backend.apply(&[add(0.5)]).expect("a free slot");
         for light in [f32::INFINITY, f32::NAN, -1.0] {
             let error = backend.set_sources(&[Slot(0)], &[Rgb::splat(light)], &[Rgb::ZERO]);
@@ -346,7 +371,74 @@ fn light_and_rows_that_cannot_be_are_refused() {
             assert_eq!(error, Err(BackendError::NotFinite(Slot(0))), "{light}");
         }
         assert!(backend.set_sources(&[Slot(1)], &[Rgb::ZERO], &[Rgb::ZERO]).is_err());
+        let sky = |share, light| [Slot(0)].map(|slot| (slot, share, Rgb::splat(light)));
+        for (share, light) in [(1.5, 1.0), (-0.1, 1.0), (f32::NAN, 1.0), (0.5, f32::INFINITY), (0.5, -1.0)] {
+            let [(slot, share, light)] = sky(share, light);
+            assert!(backend.set_sky(&[slot], &[share], &[light]).is_err(), "{share} {light}");
+        }
+        assert_eq!(backend.set_sky(&[Slot(1)], &[0.5], &[Rgb::ONE]), Err(BackendError::SlotFree(Slot(1))));
+        assert_eq!(backend.set_order(&[Slot(4)]), Err(BackendError::SlotOutside(Slot(4), 4)));
     }
+}
+
+/// Goal: what is far and the sky are told apart. Method: a lone row of which a quarter is its own.
+#[test]
+fn far_and_sky_are_two_outcomes() {
+    let mut links = LinkRows::new(1);
+    links.add(0, 1.0, Rgb::ZERO, std::iter::once((0, 0.25)));
+    let shares = |sky_share| {
+        let mut sampler = RowSampler::<AliasTable>::new(&links);
+        sampler.rebuild(&links, &[sky_share], &[], u32::MAX).expect("a sound row");
+        let row = sampler.row(0);
+        assert_eq!(row.outcomes, [0, FAR, SKY]);
+        row.table.shares().into_iter().map(|share| (share * 1e4).round() / 1e4).collect::<Vec<_>>()
+    };
+    assert_eq!(shares(0.5), [0.25, 0.25, 0.5]);
+    assert_eq!(shares(0.0), [0.25, 0.75, 0.0]);
+    assert_eq!(shares(0.9), [0.25, 0.0, 0.75], "never more than there is outside");
+}
+
+/// A matrix that shows no rows is no ground to draw from, and that is said before anything changes.
+#[test]
+fn without_rows_of_a_matrix_none_are_drawn_from() {
+    struct Shy(CpuBackend);
+    impl Backend for Shy {
+        fn capacity(&self) -> u32 {
+            self.0.capacity()
+        }
+        fn apply(&mut self, updates: &[Update]) -> Result<crate::ApplyStats, BackendError> {
+            self.0.apply(updates)
+        }
+        fn is_taken(&self, slot: Slot) -> bool {
+            self.0.is_taken(slot)
+        }
+        fn set_sources(&mut self, slots: &[Slot], own: &[Rgb], outside: &[Rgb]) -> Result<(), BackendError> {
+            self.0.set_sources(slots, own, outside)
+        }
+        fn step(&mut self) -> Result<crate::StepStats, BackendError> {
+            self.0.step()
+        }
+        fn read_irradiance(&mut self, slots: &[Slot], out: &mut [Rgb]) -> Result<(), BackendError> {
+            self.0.read_irradiance(slots, out)
+        }
+        fn drift(&mut self, seed: u64) -> f32 {
+            self.0.drift(seed)
+        }
+        fn resolve(&mut self) -> Result<(), BackendError> {
+            self.0.resolve()
+        }
+    }
+    let make = |capacity| {
+        let matrix: Box<dyn Backend> = Box::new(Shy(CpuBackend::new(capacity).expect("a small matrix")));
+        Ok(matrix)
+    };
+    let mut backend =
+        SolverBackend::new(4, settings(Method::Hybrid), Box::new(make)).expect("sound settings");
+    let coloured = SolverSettings { rows: DrawnRows::Multibounce, ..settings(Method::Cdf) };
+    assert_eq!(backend.set_solver(&coloured), Err(BackendError::NoRows));
+    assert_eq!(backend.method(), Method::Hybrid);
+    backend.step().expect("it goes on");
+    assert!(backend.is_settled());
 }
 
 /// Goal: what rounding leaves below zero is clamped and counted. Method: a row whose shares sum to a little above one.
@@ -356,10 +448,10 @@ fn a_negative_rest_of_a_row_counts_as_none() {
     links.add(0, 1.0, Rgb::ZERO, std::iter::empty());
     links.add(1, 1.0, Rgb::ZERO, [(0, 0.75), (1, 0.2501)].into_iter());
     let mut sampler = RowSampler::<AliasTable>::new(&links);
-    sampler.rebuild(&links, u32::MAX).expect("sound rows");
+    sampler.rebuild(&links, &[0.5, 0.5], &[], u32::MAX).expect("sound rows");
     assert_eq!(sampler.clamped(), 1);
     let row = sampler.row(1);
-    assert_eq!(row.table.shares().last(), Some(&0.0));
+    assert_eq!(row.table.shares()[2..], [0.0, 0.0], "neither far nor sky");
     assert!((row.table.total() - 1.0001).abs() < 1e-5);
 }
 

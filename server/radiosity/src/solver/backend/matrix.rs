@@ -1,13 +1,13 @@
 //! The matrix beside the rows: made when a method or an audit wants it, a few patches a step, and told of sources.
 
-use super::{MATRIX_ADDS_A_STEP, SolverBackend, State};
+use super::{MATRIX_ADDS_A_STEP, SolverBackend};
 use crate::backend::{Backend, BackendError, Slot, Update};
 use crate::local_matrix::LocalMatrix;
-use crate::solver::{Light, Method, rgb};
+use crate::solver::{Light, Method, SolverSettings, rgb};
 use earthshine_world::Rgb;
 
 impl SolverBackend {
-    pub(super) fn matrix_wanted(&mut self) -> Result<(), BackendError> {
+    pub(super) fn matrix_wanted(&mut self, settings: &SolverSettings) -> Result<(), BackendError> {
         if self.matrix.is_none() {
             let capacity = self.capacity();
             let mut matrix = (self.make_matrix)(capacity)?;
@@ -18,6 +18,11 @@ impl SolverBackend {
             matrix.set_interest(self.interest.as_deref())?;
             self.matrix = Some(matrix);
             self.is_matrix_behind = true;
+        }
+        let Some(matrix) = &mut self.matrix else { return Ok(()) };
+        // Asked for any slot, taken or not: what counts is whether it shows rows at all.
+        if settings.is_coloured() && matrix.read_row(Slot(0), &mut Vec::new()) == Err(BackendError::NoRows) {
+            return Err(BackendError::NoRows);
         }
         Ok(())
     }
@@ -73,13 +78,14 @@ impl SolverBackend {
         Ok(false)
     }
 
-    pub(super) fn enter_matrix_if_whole(&mut self) -> Result<(), BackendError> {
-        if self.settings.method == Method::Matrix
-            && self.method() != Method::Matrix
-            && self.complete_matrix()?
-        {
-            self.tell_matrix()?;
-            self.state = State::Matrix;
+    /// Goes over to what lives on the matrix once that is whole.
+    pub(super) fn enter_if_whole(&mut self) -> Result<(), BackendError> {
+        let settings = self.settings;
+        if settings.needs_matrix() && !self.is_entered(&settings) && self.complete_matrix()? {
+            if settings.method == Method::Matrix {
+                self.tell_matrix()?;
+            }
+            self.enter(&settings);
         }
         Ok(())
     }

@@ -2,6 +2,7 @@
 
 use super::{SolverBackend, State};
 use crate::backend::Update;
+use crate::solver::draws::Draws as _;
 use crate::solver::shooting;
 use crate::solver::temporal::RowNoise;
 
@@ -40,20 +41,14 @@ impl SolverBackend {
         }
         self.irradiance[slot] = arriving;
         let reflectance = crate::solver::light(self.links.reflectance(slot));
-        let links = &self.links;
-        let neighbours = || links.row(slot).iter().map(|link| link.slot as usize).chain([slot]);
         match &mut self.state {
-            State::Alias(sampler, noise) => {
-                neighbours().for_each(|row| sampler.outdate(row));
-                noise[slot] = RowNoise::default();
-            }
-            State::Cdf(sampler, noise) => {
-                neighbours().for_each(|row| sampler.outdate(row));
+            State::Drawn(_, _, draws, noise) => {
+                draws.come(&self.links, slot);
                 noise[slot] = RowNoise::default();
             }
             State::Progressive(unshot) => unshot.change(reflectance, slot, [0.0; 4], arriving),
             State::Hybrid(unshot, sampler, rest) => {
-                neighbours().for_each(|row| sampler.outdate(row));
+                sampler.come(&self.links, slot);
                 unshot.change(reflectance, slot, [0.0; 4], arriving);
                 rest[slot] = [0.0; 4];
             }
@@ -68,17 +63,16 @@ impl SolverBackend {
             unshot.leave(&self.links, slot, &sent);
         }
         let gone = self.links.remove(slot);
-        let neighbours = || gone.iter().map(|link| link.slot as usize);
         match &mut self.state {
-            State::Alias(sampler, _) => sampler.forget(slot, neighbours()),
-            State::Cdf(sampler, _) => sampler.forget(slot, neighbours()),
+            State::Drawn(_, _, draws, _) => draws.go(&self.links, slot, &gone),
             State::Hybrid(_, sampler, rest) => {
-                sampler.forget(slot, neighbours());
+                sampler.go(&self.links, slot, &gone);
                 rest[slot] = [0.0; 4];
             }
             _ => {}
         }
-        for light in [&mut self.direct, &mut self.outside, &mut self.irradiance] {
+        self.sky_shares[slot] = 0.0;
+        for light in [&mut self.direct, &mut self.outside, &mut self.sky, &mut self.irradiance] {
             light[slot] = [0.0; 4];
         }
     }
