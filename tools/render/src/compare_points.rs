@@ -98,6 +98,19 @@ pub fn compare_points(
     })
 }
 
+/// Points that are off by more than a factor of two, as [`LightErrors::beyond_factor_two`] counts them: their places in
+/// the lists, ascending. Nothing where the lists cannot be compared.
+#[must_use]
+pub fn beyond_factor_two(reference: &[ReferencePoint], measured: &[Option<Rgb>]) -> Vec<usize> {
+    let pair = |(index, (point, light)): (usize, (&ReferencePoint, &Option<Rgb>))| {
+        Some((index, Pair::of(point, (*light)?)))
+    };
+    let pairs: Vec<(usize, Pair)> = reference.iter().zip(measured).enumerate().filter_map(pair).collect();
+    let mean = pairs.iter().map(|(_, pair)| pair.reference).sum::<f64>() / pairs.len().max(1) as f64;
+    let is_beyond = |pair: &Pair| pair.is_beyond_factor_two(DARK_SHARE * mean);
+    pairs.iter().filter(|(_, pair)| is_beyond(pair)).map(|&(index, _)| index).collect()
+}
+
 struct Pair {
     reference: f64,
     noise: f64,

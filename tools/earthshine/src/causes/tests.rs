@@ -188,3 +188,68 @@ fn a_reference_that_is_the_service_has_no_error() {
     assert!(ranking.points.iter().all(|point| point.relative_error == 0.0));
     assert_eq!(outcome.served.len(), ranking.points.len());
 }
+
+/// Two rooms, one on the other: a sheet at height `y` between a glowing ceiling and a dark floor.
+fn sheeted_room(y: f32) -> Scene {
+    let mut scene = Scene::default();
+    room(&mut scene, Vec3::ZERO, Vec3::new(4.0, 2.0, 4.0), 100.0);
+    let sheet = Material { double_sided: true, ..material(0.5, 0.0) };
+    for strip in 0..4 {
+        quad(&mut scene, Vec3::new(strip as f32, y, 0.0), Vec3::Z * 4.0, Vec3::X, sheet.clone());
+    }
+    scene
+}
+
+/// Points on the whole half of each strip, from above or from below.
+fn on_the_sheet(y: f32, up: bool) -> Vec<(Vec3, Vec3)> {
+    let strips = (0..4).map(|strip| strip as f32);
+    strips.flat_map(|x| floor_points([x + 0.1, 0.5], [x + 0.4, 3.5], y, up)).collect()
+}
+
+fn means(outcome: &Outcome) -> (f64, f64, f64) {
+    let points = &outcome.explained;
+    let mean = |of: fn(&Explained) -> f64| points.iter().map(of).sum::<f64>() / points.len() as f64;
+    (mean(|p| p.served), mean(|p| p.reference), mean(|p| p.error().abs()))
+}
+
+/// Goal: nothing leaks through a sheet within a voxel, and each side has light of its own. Method: below the sheet no
+/// path finds light; above it the path tracer tells.
+#[test]
+fn a_double_sided_sheet_keeps_its_sides_apart() {
+    // In the middle of a voxel of 0.25 m.
+    let scene = sheeted_room(1.1);
+    let (above, reference, error) = means(&explained(&scene, 0.25, 512, &on_the_sheet(1.1, true), false));
+    assert!(above > 100.0 && error < 0.03 * reference, "{above} lx for {reference}, {error} off");
+    for places in [on_the_sheet(1.1, false), floor_points([0.3, 0.3], [3.7, 3.7], 0.0, true)] {
+        let (below, reference, _) = means(&explained(&scene, 0.25, 512, &places, false));
+        assert!(reference < 1e-6 && below < 1e-3 * above, "{below} lx leak, {above} above");
+    }
+}
+
+/// Goal: light passes the holes of a mask and nothing else. Method: strips of leaf, each a hole from its middle on by the
+/// alpha of its corners; both sides and the floor below, against the path tracer.
+#[test]
+fn a_leaf_lets_light_through_its_holes() {
+    let mut scene = sheeted_room(1.1);
+    let mut colours = vec![Scene::WHITE_CORNERS; scene.triangles.len()];
+    for (triangle, corners) in scene.triangles.iter().enumerate() {
+        let material = &mut scene.materials[scene.material_of[triangle] as usize];
+        if material.double_sided {
+            material.alpha_cutoff = Some(0.5);
+            let low = corners.iter().map(|corner| corner.x).fold(f32::MAX, f32::min);
+            for (colour, corner) in colours[triangle].iter_mut().zip(corners) {
+                colour[3] = if corner.x > low { 0 } else { u16::MAX };
+            }
+        }
+    }
+    scene.corner_colours = Some(colours);
+    let of = |places: &[(Vec3, Vec3)]| means(&explained(&scene, 0.25, 512, places, false));
+    let above = of(&on_the_sheet(1.1, true));
+    let under = of(&on_the_sheet(1.1, false));
+    let floor = of(&floor_points([0.3, 0.3], [3.7, 3.7], 0.0, true));
+    for (name, (served, reference, error)) in [("above", above), ("under", under), ("floor", floor)] {
+        assert!(reference > 5.0, "{name}: light comes through, {reference} lx");
+        assert!(error < 0.08 * reference, "{name}: {served} lx for {reference}, {error} off");
+    }
+    assert!(above.0 > 2.0 * under.0, "{} above, {} under", above.0, under.0);
+}

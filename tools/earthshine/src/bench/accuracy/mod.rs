@@ -1,5 +1,6 @@
 //! `bench accuracy`: bake, solve, look up light at points, compare with a path tracer or with other renderers.
 
+mod beyond;
 mod furnace;
 pub(super) mod measured;
 mod points;
@@ -13,6 +14,7 @@ use crate::progress_bars::counted;
 use crate::quality::QualityArguments;
 use crate::scene_source::{self, SceneSource};
 use crate::volume_light;
+use beyond::BeyondPoint;
 use clap::Args;
 use earthshine_gen::GenOptions;
 use earthshine_render::SceneTracer;
@@ -30,6 +32,7 @@ use sweep::Sweep;
   earthshine bench accuracy --scene cornell --report causes.csv
   earthshine bench accuracy --scene sponza.glb --lights sponza.lights.json --reference sponza.mitsuba.csv --voxel 1
   earthshine bench accuracy --scene sponza.glb --world sponza.world --reference sponza.mitsuba.csv --report causes.json
+  earthshine bench accuracy --scene office.glb --reference office.mitsuba.csv --worst
   earthshine bench accuracy --scene cornell --sweep voxel=0.28,0.2,0.14,0.1 --sweep-out cornell-voxels
   earthshine bench accuracy --scene two-rooms --write-reference two-rooms.csv")]
 pub(crate) struct AccuracyArguments {
@@ -64,6 +67,9 @@ pub(crate) struct AccuracyArguments {
     /// Ranks points and voxels by error and names the cause of each: .json, or .csv (points; voxels go to `NAME_voxels.csv`).
     #[arg(long, conflicts_with = "sweep")]
     report: Option<PathBuf>,
+    /// Lists the points that are off by more than a factor of two, with the cause of each (`beyond_points` in JSON).
+    #[arg(long, conflicts_with = "sweep")]
+    worst: bool,
     /// Measures once for each value: voxel=1,0.7,0.5 (m), rays=256,1024 (a patch) or samples=4,16 (a voxel face).
     #[arg(long)]
     sweep: Option<Sweep>,
@@ -90,6 +96,9 @@ pub(super) struct Figures {
     reference_seconds: f64,
     world_bytes: u64,
     absorbed_share_mean: f64,
+    /// With `--worst`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    beyond_points: Option<Vec<BeyondPoint>>,
 }
 
 /// Runs the suite.
@@ -125,7 +134,7 @@ pub(crate) fn run(arguments: &AccuracyArguments, json: bool) -> anyhow::Result<(
         Some(folder) => measured::loaded(&source, folder)?,
         None => measured::baked(&source, arguments.quality.parameters(&source), json)?,
     };
-    let (light, figures) = compared(&measured, &reference, reference_seconds)?;
+    let (light, mut figures) = compared(&measured, &reference, reference_seconds)?;
     if let Some(path) = &arguments.out {
         volume_light::write_csv(path, &reference, &light)?;
     }
@@ -138,12 +147,18 @@ pub(crate) fn run(arguments: &AccuracyArguments, json: bool) -> anyhow::Result<(
         let uncovered: Vec<usize> = (0..light.len()).filter(|&index| light[index].is_none()).collect();
         causes::write(path, &ranking, &uncovered)?;
     }
+    if arguments.worst {
+        figures.beyond_points = Some(beyond::list(&measured, &source, &reference, &light, json)?);
+    }
     let seconds = started.elapsed().as_secs_f64();
     let report = Report::new("accuracy", &source.name, "gather", arguments.quality.seed, seconds, figures);
     if json {
         return report.print(json);
     }
     text::print(&report, &against(arguments));
+    if let Some(points) = &report.figures.beyond_points {
+        beyond::print(points);
+    }
     if arguments.report.is_some() {
         causes::print_table(&ranking);
     }
@@ -184,6 +199,7 @@ fn compared(
         reference_seconds,
         world_bytes: measured.world_bytes,
         absorbed_share_mean: measured.absorbed_share_mean,
+        beyond_points: None,
     };
     Ok((light, figures))
 }
