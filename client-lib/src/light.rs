@@ -1,7 +1,7 @@
 //! The newest whole state of the light: what a client reads.
 
 use crate::{ClientError, decode};
-use earthshine_protocol::{VOLUMES_MAX, v1};
+use earthshine_protocol::{DETAIL_VOLUME, VOLUMES_MAX, v1};
 use earthshine_volume::{Layout, LookedUp, Volume, lookup};
 use glam::Vec3;
 
@@ -83,7 +83,13 @@ impl Light {
     /// Moves volume `id`, or adds it in the order of levels.
     pub(crate) fn place(&mut self, id: u32, layout: Layout) -> Result<(), ClientError> {
         let fault = |error| ClientError::protocol(format!("volume {id}: {error}"));
-        let of_level = self.volumes.iter().zip(&self.ids).find(|(v, _)| v.layout().level == layout.level);
+        // Detail stands beside the level that it is of.
+        let is_rival = |other: u32| other != DETAIL_VOLUME && id != DETAIL_VOLUME;
+        let of_level = self
+            .volumes
+            .iter()
+            .zip(&self.ids)
+            .find(|(v, other)| v.layout().level == layout.level && is_rival(**other));
         if let Some((_, &other)) = of_level
             && other != id
         {
@@ -103,7 +109,12 @@ impl Light {
             None => Volume::new(layout).map_err(fault)?,
         };
         volume.move_to(layout).map_err(fault)?;
-        let at = self.volumes.partition_point(|other| other.layout().level < layout.level);
+        let order = |id: u32, level: u8| (level, id != DETAIL_VOLUME);
+        let at =
+            self.ids.iter().zip(&self.volumes).take_while(|(other, volume)| {
+                order(**other, volume.layout().level) < order(id, layout.level)
+            });
+        let at = at.count();
         self.ids.insert(at, id);
         self.volumes.insert(at, volume);
         Ok(())
@@ -117,8 +128,8 @@ impl Light {
             volume.clear();
         }
         decode::apply_delta(delta, volume);
-        // The finest level comes last and speaks for the whole.
-        if volume.layout().level > 0 {
+        // Level 0 speaks for the whole; its detail comes last.
+        if volume.layout().level > 0 || delta.volume == DETAIL_VOLUME {
             return;
         }
         self.camera_sequence = delta.camera_sequence;

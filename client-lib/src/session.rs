@@ -173,6 +173,7 @@ fn hello(options: &ClientOptions) -> Result<v1::Hello, ClientError> {
         volumes: (0..VOLUMES_MAX as u32)
             .map(|level| v1::VolumeWanted { level, dims_max: Some(v1::Dims { x, y, z }) })
             .collect(),
+        detail: true,
     })
 }
 

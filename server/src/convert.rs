@@ -69,6 +69,8 @@ pub(crate) struct Greeting {
     pub(crate) client_name: String,
     /// Which levels it has room for, and how many voxels of each.
     pub(crate) volumes_wanted: VolumesWanted,
+    /// Whether the client reads detail.
+    pub(crate) wants_detail: bool,
 }
 
 impl Request {
@@ -90,7 +92,7 @@ impl Request {
 }
 
 fn greeting(hello: v1::Hello, world: &str) -> Result<Greeting, Refusal> {
-    let v1::Hello { protocol_min, protocol_max, client_name, world: wanted, volumes } = hello;
+    let v1::Hello { protocol_min, protocol_max, client_name, world: wanted, volumes, detail } = hello;
     let protocol = agree(protocol_min, protocol_max).ok_or_else(|| {
         let cause = format!(
             "the client speaks protocol {protocol_min} to {protocol_max}, this server {PROTOCOL_MIN} to \
@@ -102,7 +104,7 @@ fn greeting(hello: v1::Hello, world: &str) -> Result<Greeting, Refusal> {
         return Err(Refusal::invalid(format!("the client's name is longer than {TEXT_BYTES_MAX} bytes")));
     }
     check_world(wanted.as_deref(), world)?;
-    Ok(Greeting { protocol, client_name, volumes_wanted: volumes_wanted(&volumes)? })
+    Ok(Greeting { protocol, client_name, volumes_wanted: volumes_wanted(&volumes)?, wants_detail: detail })
 }
 
 /// Whether `wanted` is what is served.

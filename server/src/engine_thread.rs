@@ -396,6 +396,7 @@ mod tests {
         use earthshine_world::{Bounds, ChunkCoord, ChunkSummary, Grid};
         let id = ChunkId::new(0, ChunkCoord::ZERO);
         let index = WorldIndex {
+            detail: 1,
             grid: Grid { voxel_edge_m: 1.0, chunk_edge_voxels: 16 },
             bounds: Bounds { min: Vec3::ZERO, max: Vec3::ONE },
             chunks: vec![ChunkSummary { id, patch_count: 1, nonzero_count: 0, tile_bytes: 1 }],

@@ -6,7 +6,7 @@
 //! [`DeltaStore::delta_since`]. How many deltas may be on their way is [`Flow`](crate::flow::Flow)'s business.
 
 use earthshine_engine::{EngineConfig, Frame, FrameQuality, PatchLight};
-use earthshine_protocol::DELTA_VOXELS_MAX;
+use earthshine_protocol::{DELTA_VOXELS_MAX, DETAIL_VOLUME};
 use earthshine_volume::{Layout, plane, rgb9e5};
 use glam::{IVec3, UVec3, Vec3};
 use std::sync::Arc;
@@ -20,6 +20,7 @@ const LIT_MAX: usize =
 
 /// A delta is one message: all lit voxels and all emptied ones fit.
 const _: () = assert!(LIT_MAX + EMPTIED_MAX <= DELTA_VOXELS_MAX);
+const _: () = assert!(EngineConfig::DETAIL_VOXELS_LIMIT as usize + EMPTIED_MAX <= DELTA_VOXELS_MAX);
 
 /// What a code of one stands for, lx: codes reach from 1e-6 to a million lux. A power of two, so that no bit is lost.
 pub(crate) const LIGHT_UNIT_LX: f32 = 16.0;
@@ -112,7 +113,7 @@ pub(crate) struct Caption {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Changes {
     /// Of the volume.
-    pub(crate) level: u8,
+    pub(crate) volume: u32,
     /// The generation that the client must hold; 0 for none.
     pub(crate) from: u64,
     /// The generation that it holds afterwards.
@@ -131,6 +132,11 @@ struct Seen {
 }
 
 impl Seen {
+    /// The detail of `frame`.
+    fn detail_of(frame: &Frame) -> Self {
+        Self { patches: Arc::clone(&frame.details), air: Arc::default() }
+    }
+
     fn of(frame: &Frame, level: u8) -> Self {
         // Light in the air is of level 0 alone.
         let air = if level == 0 { Arc::clone(&frame.receivers) } else { Arc::default() };
@@ -162,6 +168,8 @@ pub(crate) struct DeltaStore {
     caption: Caption,
     /// What was merged last. It keeps a frame's lists in memory, and their addresses its own.
     seen: Seen,
+    /// Whether it holds detail voxels instead of voxels.
+    is_detail: bool,
 }
 
 impl DeltaStore {
@@ -179,7 +187,23 @@ impl DeltaStore {
             answerable_from: 0,
             caption: Caption::default(),
             seen: Seen::default(),
+            is_detail: false,
         }
+    }
+
+    /// The same of level 0's detail: voxels of `detail_edge_m`.
+    pub(crate) fn of_detail(dims: UVec3, detail_edge_m: f32, snap_voxels: u32) -> Self {
+        Self { is_detail: true, ..Self::new(0, dims, detail_edge_m, snap_voxels) }
+    }
+
+    /// The volume's name on the wire.
+    pub(crate) fn name(&self) -> u32 {
+        if self.is_detail { DETAIL_VOLUME } else { self.layout.level.into() }
+    }
+
+    /// Whether what is said of the whole is said with it.
+    fn speaks_for_all(&self) -> bool {
+        self.layout.level == 0 && !self.is_detail
     }
 
     /// Where the volume is.
@@ -202,7 +226,7 @@ impl DeltaStore {
     pub(crate) fn absorb(&mut self, frame: &Frame, camera: Answered) -> bool {
         let next = self.generation + 1;
         let moved = self.follow(camera.position);
-        let news = Seen::of(frame, self.layout.level);
+        let news = if self.is_detail { Seen::detail_of(frame) } else { Seen::of(frame, self.layout.level) };
         // Lists that were seen are in `entries` already, unless the volume lies elsewhere now.
         let changed = (moved || !news.is_same(&self.seen)) && self.merge(&news, next);
         self.seen = news;
@@ -210,7 +234,7 @@ impl DeltaStore {
             Caption { camera_sequence: camera.sequence, quality: frame.quality, time_s: frame.time_s };
         // Time alone is no news, and what is said of the whole is said with level 0.
         let said =
-            self.layout.level == 0 && Caption { time_s: self.caption.time_s, ..caption } != self.caption;
+            self.speaks_for_all() && Caption { time_s: self.caption.time_s, ..caption } != self.caption;
         self.caption = caption;
         if moved || changed || said {
             self.generation = next;
@@ -324,7 +348,7 @@ impl DeltaStore {
             .filter(|entry| entry.changed > from && (from > 0 || entry.codes.present != 0))
             .filter_map(|entry| Some((self.layout.index_of(entry.voxel)?, entry.codes)))
             .collect();
-        Some(Changes { level: self.layout.level, from, to: self.generation, voxels, caption: self.caption })
+        Some(Changes { volume: self.name(), from, to: self.generation, voxels, caption: self.caption })
     }
 }
 

@@ -1,4 +1,4 @@
-//! The volumes of one session, one a level: what each client holds of each, and whose turn it is to be sent.
+//! The volumes of one session, one a level, and one of detail: what each client holds of each, and whose turn it is to be sent.
 //!
 //! Levels are independent: each has its deltas in flight, so that a large coarse volume never waits for a fine one.
 
@@ -9,7 +9,7 @@ use crate::publish::{Changes, DeltaStore};
 use earthshine_world::{Grid, WorldIndex};
 use glam::UVec3;
 
-/// One volume on its way to one client. Its name on the wire is its level.
+/// One volume on its way to one client.
 #[derive(Debug)]
 struct Stream {
     store: DeltaStore,
@@ -36,8 +36,13 @@ pub(crate) struct VolumeLimits {
 }
 
 impl Streams {
-    /// Level 0 and the coarser levels of `index` that the client has room for.
-    pub(crate) fn new(wanted: &VolumesWanted, index: &WorldIndex, limits: VolumeLimits) -> Self {
+    /// Level 0, its detail if the client reads such, and the coarser levels of `index` that it has room for.
+    pub(crate) fn new(
+        wanted: &VolumesWanted,
+        wants_detail: bool,
+        index: &WorldIndex,
+        limits: VolumeLimits,
+    ) -> Self {
         let levels = index.level_count().max(1);
         let stream = |level: u8| {
             let dims = wanted.dims_of(level, limits.dims_max)?;
@@ -45,7 +50,14 @@ impl Streams {
             let store = DeltaStore::new(level, dims, grid.voxel_edge_m, limits.snap_voxels);
             Some(Stream { store, flow: Flow::new(limits.in_flight_max), is_news: false })
         };
-        Self { streams: (0..levels).filter_map(stream).collect() }
+        let detail = || {
+            let dims = wanted.dims_of(0, limits.dims_max).filter(|_| index.detail > 1)?;
+            let detail_edge_m = index.grid.voxel_edge_m / index.detail as f32;
+            let store = DeltaStore::of_detail(dims, detail_edge_m, limits.snap_voxels);
+            Some(Stream { store, flow: Flow::new(limits.in_flight_max), is_news: false })
+        };
+        let detail = if wants_detail { detail() } else { None };
+        Self { streams: detail.into_iter().chain((0..levels).filter_map(stream)).collect() }
     }
 
     /// A frame came.
@@ -65,7 +77,7 @@ impl Streams {
 
     /// The client holds `generation` of the volume `name`. Whether that can be.
     pub(crate) fn acknowledge(&mut self, name: u32, generation: u64) -> bool {
-        let found = self.streams.iter_mut().find(|stream| u32::from(stream.store.layout().level) == name);
+        let found = self.streams.iter_mut().find(|stream| stream.store.name() == name);
         let Some(stream) = found else { return false };
         if stream.flow.acknowledge(generation).is_err() {
             return false;
@@ -116,6 +128,7 @@ mod tests {
             tile_bytes: 0,
         };
         WorldIndex {
+            detail: 1,
             grid: Grid { voxel_edge_m: 0.5, chunk_edge_voxels: 4 },
             bounds: Bounds { min: Vec3::ZERO, max: Vec3::ONE },
             chunks: (0..levels).map(chunk).collect(),
@@ -125,7 +138,7 @@ mod tests {
 
     fn streams(wanted: &VolumesWanted) -> Streams {
         let limits = VolumeLimits { dims_max: UVec3::splat(16), snap_voxels: 2, in_flight_max: 1 };
-        Streams::new(wanted, &index(3), limits)
+        Streams::new(wanted, true, &index(3), limits)
     }
 
     fn published(light: f32) -> Published {
@@ -146,6 +159,7 @@ mod tests {
             time_s: 0.0,
             voxel_edge_m: 0.5,
             receivers: Arc::default(),
+            details: Arc::default(),
             coarse: vec![coarse(1), coarse(2)],
             patches: Arc::clone(&patches),
             quality: FrameQuality::default(),
@@ -180,7 +194,7 @@ mod tests {
     #[test]
     fn what_is_on_its_way_is_not_sent_again() {
         let limits = VolumeLimits { dims_max: UVec3::splat(16), snap_voxels: 2, in_flight_max: 2 };
-        let mut streams = Streams::new(&VolumesWanted::Any, &index(3), limits);
+        let mut streams = Streams::new(&VolumesWanted::Any, true, &index(3), limits);
         for _ in 0..2 {
             streams.mark_news();
             let sent: Vec<_> = std::iter::from_fn(|| Some(streams.next(&published(1.0))?.1)).collect();

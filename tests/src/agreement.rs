@@ -2,7 +2,7 @@
 
 use crate::solved::{PatchPlace, Solution, SolvedWorld, place_of};
 use earthshine_client::Light;
-use earthshine_volume::lookup;
+use earthshine_volume::{Volume, lookup};
 use earthshine_world::Rgb;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -31,9 +31,21 @@ pub type PatchPlaces = BTreeMap<PatchPlace, ServedPatch>;
 /// Everything a client was told of surfaces on level 0, by place.
 #[must_use]
 pub fn served_patches(light: &Light) -> PatchPlaces {
+    // Detail comes before what it is detail of.
+    let finest = light.volumes().iter().rfind(|volume| volume.layout().level == 0);
+    patches_in(finest)
+}
+
+/// Everything a client was told of detail, by detail voxel.
+#[must_use]
+pub fn served_detail(light: &Light) -> PatchPlaces {
+    let (detail, voxels) = (light.volumes().first(), light.volumes().get(1));
+    patches_in(detail.filter(|_| voxels.is_some_and(|volume| volume.layout().level == 0)))
+}
+
+fn patches_in(volume: Option<&Volume>) -> PatchPlaces {
     let mut patches = BTreeMap::new();
-    let finest = light.volumes().iter().filter(|volume| volume.layout().level == 0);
-    for (voxel, told) in finest.flat_map(earthshine_volume::Volume::iter) {
+    for (voxel, told) in volume.into_iter().flat_map(Volume::iter) {
         for direction in (0..6).filter(|&direction| told.has(direction) && !told.is_air(direction)) {
             let patch = ServedPatch {
                 irradiance: told.irradiance[direction],
@@ -71,7 +83,7 @@ pub fn assert_is(world: &SolvedWorld, solution: &Solution, light: &Light) {
     }
     let volume = world.volume(solution);
     // The solve leaves the air out.
-    let surfaces: Vec<_> = light.volumes().iter().map(earthshine_volume::Volume::without_air).collect();
+    let surfaces: Vec<_> = light.volumes().iter().map(Volume::without_air).collect();
     for chunk in world.chunks() {
         for point in chunk.points.iter().step_by(3) {
             let solved = lookup(&[&volume], point.position, point.normal).expect("a surface point is lit");
@@ -84,6 +96,21 @@ pub fn assert_is(world: &SolvedWorld, solution: &Solution, light: &Light) {
             );
         }
     }
+}
+
+/// Asserts that every detail voxel of the world has in `light` what its row gathers of `solution`. Returns how many there are.
+///
+/// # Panics
+/// If one has not.
+pub fn assert_detail_is(world: &SolvedWorld, solution: &Solution, light: &Light) -> usize {
+    let (served, solved) = (served_detail(light), world.details(solution));
+    assert_eq!(served.len(), solved.len(), "every detail voxel is served");
+    for (place, expected) in &solved {
+        let told = served[place];
+        let gap = (told.irradiance - *expected).abs().max_element();
+        assert!(gap <= tolerance(*expected), "{told:?} served, {expected} solved at {place:?}");
+    }
+    served.len()
 }
 
 /// Asserts that what is served lies between the light of the `served` patches alone and that of the whole world, that

@@ -5,7 +5,7 @@
 
 use earthshine_light::{OccluderSet, Occluders, direct_irradiance};
 use earthshine_radiosity::gather::{GatherLimits, Sources, SparseRows, gather};
-use earthshine_tiles::{DirStore, TileStore};
+use earthshine_tiles::{BakeParameters, DirStore, TileStore};
 use earthshine_volume::{Layout, Volume};
 use earthshine_world::{Chunk, ChunkId, Grid, LightRig, Patch, Rgb, VoxelCoord};
 use std::collections::{BTreeMap, BTreeSet};
@@ -23,6 +23,8 @@ pub type PatchPlace = ([i32; 3], usize);
 #[derive(Debug)]
 pub struct SolvedWorld {
     grid: Grid,
+    /// Detail voxels along a voxel's edge.
+    detail: u32,
     /// The lights that came with the world.
     pub lights: LightRig,
     chunks: Vec<Chunk>,
@@ -59,7 +61,8 @@ impl SolvedWorld {
             first.insert(chunk.id, count);
             count += chunk.patches.len();
         }
-        Self { grid: manifest.parameters.grid, lights: manifest.lights.clone(), chunks, first, occluders }
+        let (BakeParameters { grid, detail, .. }, lights) = (manifest.parameters, manifest.lights.clone());
+        Self { grid, detail, lights, chunks, first, occluders }
     }
 
     /// Every chunk, ascending by id.
@@ -148,6 +151,30 @@ impl SolvedWorld {
             volume.set_plane(patch.voxel, patch.direction.index(), plane);
         }
         volume
+    }
+
+    /// Light on every detail voxel, lx: one gather over what leaves the patches under the world's own lights.
+    #[must_use]
+    pub fn details(&self, solution: &Solution) -> BTreeMap<PatchPlace, Rgb> {
+        let direct = self.direct_exitance(&self.lights);
+        let leaving =
+            |(index, patch): (usize, &Patch)| direct[index] + patch.reflectance * solution.irradiance[index];
+        let exitance: Vec<Rgb> = self.patches().enumerate().map(leaving).collect();
+        let mut details = BTreeMap::new();
+        for chunk in &self.chunks {
+            let rows = &chunk.receivers.rows;
+            for (row, place) in chunk.receivers.places.iter().enumerate() {
+                let Some(detail) = place.detail else { continue };
+                let sky = self.lights.sky.irradiance(&rows.sky_shares[row]);
+                let gathered = rows.row(row).map(|(column, share)| {
+                    let id = rows.patch_id(column);
+                    exitance[self.first[&id.chunk] + usize::from(id.local)] * share
+                });
+                let coord = detail.coord(place.voxel, self.detail);
+                details.insert((coord.to_array(), place.direction.index()), sky + gathered.sum::<Rgb>());
+            }
+        }
+        details
     }
 
     /// `rho * E_direct + emission` of every patch, lm/m2.

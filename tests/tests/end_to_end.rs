@@ -4,11 +4,12 @@
 
 use earthshine_client::{Client, ClientError, ClientOptions, Lights, Vec3};
 use earthshine_gen::fixtures;
-use earthshine_tests::agreement::{assert_between, assert_is, served_patches};
+use earthshine_tests::agreement::{assert_between, assert_detail_is, assert_is, served_patches};
 use earthshine_tests::baked::{BakedWorld, coarse, imported, own_lights};
 use earthshine_tests::served::ServedWorld;
 use earthshine_tests::solved::SolvedWorld;
 use earthshine_tests::viewer::{connect, light_where, settled_at, within};
+use earthshine_tiles::BakeParameters;
 use earthshine_world::{Light, LightRig, Rgb, Sky};
 
 /// Inside of the corridor: near its start, at `x` m.
@@ -74,6 +75,22 @@ async fn a_cornell_box_under_every_kind_of_light_is_served_as_solved() {
 #[tokio::test]
 async fn two_rooms_are_served_as_solved() {
     assert_served_as_solved(&two_rooms(), IN_THE_FIRST_ROOM).await;
+}
+
+/// Goal: detail reaches the client, and a client that does not ask for it gets none. Method: the two rooms in half voxels.
+#[tokio::test]
+async fn detail_is_served_as_solved() {
+    let scene = imported(&fixtures::two_rooms_glb());
+    let parameters = BakeParameters { detail: 2, detail_rays: 64, ..coarse(0.75, 8) };
+    let world = BakedWorld::new("two-rooms", &scene, own_lights(&scene), parameters);
+    let served = ServedWorld::start(world.path(), world.patch_count(), |_| ()).await;
+    let mut client = connect(&served.uri).await;
+    let light = settled_at(&mut client, IN_THE_FIRST_ROOM).await;
+    let solved = SolvedWorld::load(world.path());
+    let solution = solved.solve(&solved.lights);
+    assert!(assert_detail_is(&solved, &solution, &light) > 2 * solution.irradiance.len());
+    client.close().await;
+    served.stop().await.expect("a clean end");
 }
 
 #[tokio::test]

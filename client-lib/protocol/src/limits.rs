@@ -21,6 +21,9 @@ pub const LIGHTS_MAX: usize = 1024;
 /// Longest client name, world name or cause, bytes.
 pub const TEXT_BYTES_MAX: usize = 1024;
 
+/// Name of the volume that holds detail of level 0.
+pub const DETAIL_VOLUME: u32 = 256;
+
 /// Most voxels that a server should put into one delta. The worst case (six patches in each, ten bytes a
 /// patch, six bytes a voxel) stays under half of [`MESSAGE_BYTES_MAX`].
 pub const DELTA_VOXELS_MAX: usize = 1 << 16;

@@ -5,13 +5,13 @@ use glam::{IVec3, UVec3, Vec3};
 /// A box of voxels of one level.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Layout {
-    /// Level of the pyramid: 0 is the finest.
+    /// Level of the pyramid: 0 is the finest. Detail has that of the voxels it is detail of.
     pub level: u8,
     /// Lowest voxel, in voxels of this level.
     pub origin: IVec3,
     /// Voxels along the axes.
     pub dims: UVec3,
-    /// Edge of a voxel, m.
+    /// Edge of a voxel, m; of detail: of a detail voxel, a half or a quarter of the level's.
     pub voxel_edge_m: f32,
 }
 

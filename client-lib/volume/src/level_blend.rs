@@ -11,16 +11,29 @@ use glam::{IVec3, Vec3};
 /// Whether `voxel` has no light on `direction` in `fine` because `fine` ends before it: the covering voxel of `coarse`
 /// has light there, and none of the eight voxels that it covers has in `fine`.
 pub(crate) fn is_beyond_the_end(fine: &Volume, coarse: &Volume, voxel: IVec3, direction: usize) -> bool {
-    let steps = coarse.layout().level.saturating_sub(fine.layout().level).min(16);
-    // A missing level in between: each step halves the coordinates.
-    let covering = IVec3::from_array(voxel.to_array().map(|c| c >> steps));
-    let is_lit = coarse.at(covering).is_some_and(|light| light.has(direction));
-    let first = IVec3::from_array(voxel.to_array().map(|c| c & !1));
+    // Each step halves the coordinates.
+    let steps =
+        (coarse.layout().voxel_edge_m / fine.layout().voxel_edge_m).log2().round().clamp(0.0, 16.0) as u32;
+    let covering = voxel >> steps;
+    let is_detail = is_detail(fine, coarse);
+    // Detail ends where surfaces end, not where the air begins.
+    let is_lit = coarse
+        .at(covering)
+        .is_some_and(|light| light.has(direction) && !(is_detail && light.is_air(direction)));
+    // All parts of the voxel; of a missing level in between, the next eight.
+    let block = if is_detail { steps } else { 1 };
+    let (first, count) = (voxel >> block << block, 1 << (3 * block));
+    let mask = (1 << block) - 1;
     is_lit
-        && (0..8).all(|corner| {
-            let sibling = first + IVec3::new(corner & 1, corner >> 1 & 1, corner >> 2);
+        && (0..count).all(|at| {
+            let sibling = first + IVec3::new(at & mask, at >> block & mask, at >> (2 * block));
             fine.at(sibling).is_none_or(|light| !light.has(direction))
         })
+}
+
+/// Whether `fine` holds the surfaces of the level of `coarse` in more detail: it is of the same level.
+pub(crate) fn is_detail(fine: &Volume, coarse: &Volume) -> bool {
+    fine.layout().level == coarse.layout().level
 }
 
 /// Share of a point's light that `fine` gives up to `coarse`, 0..=1: the trilinear weight of voxels beyond its end, over
@@ -97,6 +110,48 @@ mod tests {
             before = now;
         }
         assert_eq!(before, 3.0, "well outside the coarse level does");
+    }
+
+    /// A floor of detail voxels of 0.25 m as bright as 5, in voxels of 1 m as bright as 1 under air as bright as 3.
+    fn detailed_floor() -> [Volume; 2] {
+        let layout = Layout { level: 0, origin: IVec3::splat(-8), dims: UVec3::splat(16), voxel_edge_m: 1.0 };
+        let place =
+            Layout { origin: IVec3::splat(-32), dims: UVec3::splat(64), voxel_edge_m: 0.25, ..layout };
+        let (mut details, mut voxels) = (Volume::new(place).unwrap(), Volume::new(layout).unwrap());
+        for index in 0..layout.voxel_count() {
+            voxels.set_receiver(layout.voxel_of(index), 2, Vec3::splat(3.0), Vec3::ZERO, 255);
+        }
+        for (x, z) in (-8..8).flat_map(|x| (-8..8).map(move |z| (x, z))) {
+            voxels.set_patch(IVec3::new(x, 0, z), 2, Vec3::splat(1.0), Vec3::ZERO, 255);
+        }
+        // Only the middle has detail; the floor lies in the third layer of detail voxels.
+        for (x, z) in (-16..16).flat_map(|x| (-16..16).map(move |z| (x, z))) {
+            details.set_patch(IVec3::new(x, 2, z), 2, Vec3::splat(5.0), Vec3::ZERO, 255);
+        }
+        [details, voxels]
+    }
+
+    /// Goal: surfaces read detail voxels, the air and what has none reads voxels, without a seam. Method: points on the floor, above
+    /// it, beyond the end; walks up and along in steps of a centimetre.
+    #[test]
+    fn detail_answers_on_its_surfaces_and_fades_beyond() {
+        let volumes = detailed_floor();
+        let read =
+            |position: Vec3| lookup(&volumes, position, Vec3::Y).map_or(f32::NAN, |found| found.irradiance.x);
+        for (height, expected) in [(0.51, 5.0), (0.74, 5.0), (2.5, 3.0)] {
+            let found = read(Vec3::new(0.13, height, 0.4));
+            assert!((found - expected).abs() < 1e-5, "{height}: {found}");
+        }
+        assert_eq!(read(Vec3::new(6.1, 0.6, 0.4)), 1.0, "beyond the end of the detail");
+        let ways = [(Vec3::new(0.13, 0.6, 0.4), Vec3::Y * 2.0), (Vec3::new(0.13, 0.6, 0.4), Vec3::X * 6.0)];
+        for (start, way) in ways {
+            let largest = |steps: u32| {
+                let at = |step: u32| read(start + way * (step as f32 / steps as f32));
+                (0..steps).map(|step| (at(step + 1) - at(step)).abs()).fold(0.0, f32::max)
+            };
+            let (coarse, fine) = (largest(2000), largest(8000));
+            assert!(fine < 0.3 * coarse, "{way}: {coarse}, then {fine}");
+        }
     }
 
     #[test]

@@ -6,6 +6,9 @@
 //! volume with nothing at all leaves the point to the next coarser one, and one that ends nearby shares it with that
 //! (`level_blend`).
 //!
+//! The finest volume may hold *detail*: the surfaces of level 0 in detail voxels, without air. It answers as far
+//! as its weight of surfaces goes (all of it from 0.25 on, as below), and level 0 for the rest.
+//!
 //! Light comes from surfaces (patches) and from the air (receivers). Two things are the air's alone, and both fade
 //! with its share, so that what moves through the air never meets a step:
 //!
@@ -58,9 +61,12 @@ pub fn lookup<V: Borrow<Volume>>(volumes: &[V], position: Vec3, normal: Vec3) ->
     for (at, volume) in volumes.iter().enumerate() {
         let volume = volume.borrow();
         let Some((low, fraction)) = corners(volume, position, normal) else { continue };
-        let Some(found) = lookup_in(volume, low, fraction, normal) else { continue };
-        let share_of = |coarser| level_blend::share_of_coarser(volume, coarser, low, fraction, normal);
-        let kept = 1.0 - volumes.get(at + 1).map_or(0.0, |coarser| share_of(coarser.borrow()));
+        let Some((found, surface_share)) = lookup_in(volume, low, fraction, normal) else { continue };
+        let kept = volumes.get(at + 1).map(Borrow::borrow).map_or(1.0, |coarser| {
+            // Detail knows surfaces alone: it fades where they end, and what stands for the air takes over.
+            let fade = if level_blend::is_detail(volume, coarser) { surface_share } else { 1.0 };
+            fade * (1.0 - level_blend::share_of_coarser(volume, coarser, low, fraction, normal))
+        });
         let weight = (1.0 - total.weight) * kept;
         total.add(weight, found.irradiance, found.sky_irradiance, found.quality);
         answered = answered.or(Some(found.level));
@@ -119,27 +125,30 @@ impl Sum {
 }
 
 /// Light of `volume` alone, at the point at `fraction` (0..1) between the centres of voxel `low` and its upper
-/// neighbours.
-fn lookup_in(volume: &Volume, low: IVec3, fraction: Vec3, normal: Vec3) -> Option<LookedUp> {
+/// neighbours; and how much of it is surfaces', 1 on a flat one.
+fn lookup_in(volume: &Volume, low: IVec3, fraction: Vec3, normal: Vec3) -> Option<(LookedUp, f32)> {
     let around = Around::of(volume, low, fraction, normal);
     let (mut total, mut slope) = (Sum::default(), Sum::default());
+    let mut surface_weight = 0.0;
     for axis in 0..3 {
         let facing = axis * 2 + usize::from(normal[axis] < 0.0);
         let along = normal[axis].abs();
         if let Some((mean, half_difference)) = around.read(facing) {
             total.add_sum(along * along, &mean);
             slope.add_sum(along * (1.0 - along), &half_difference);
+            surface_weight += along * along * around.surface_weights[facing];
         }
     }
     let weight = total.weight;
     let Sum { irradiance, sky_irradiance, quality, .. } = total.mean()?;
     let sloped = |light: Vec3, slope: Vec3| (light + slope / weight).max(AIR_FLOOR * light);
-    Some(LookedUp {
+    let found = LookedUp {
         irradiance: sloped(irradiance, slope.irradiance),
         sky_irradiance: sloped(sky_irradiance, slope.sky_irradiance),
         quality,
         level: volume.layout().level,
-    })
+    };
+    Some((found, (surface_weight / SURFACE_WEIGHT).min(1.0)))
 }
 
 /// What the eight voxels around a point hold, by direction.

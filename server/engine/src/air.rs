@@ -1,15 +1,17 @@
-//! Light in empty air: the receivers nearest to one session's camera, gathered from the resident patches.
+//! Light of receivers: those nearest to one session's camera, in the air and on surfaces (detail), gathered from the
+//! resident patches.
 //!
 //! A receiver holds no slot. Its irradiance is one sparse gather over what leaves the resident patches
 //! (`B = E + rho I`), plus the sky its row sees; columns that hold no slot are far and bring no
-//! light: coarser views feed patches alone. Whenever the light of the patches has changed all receivers are out of date; a tick gathers as many as its
+//! light: coarser views feed patches alone. Detail stands for parts of a patch: it speaks only where its patch is resident,
+//! and has as much light from afar, for its far share, as that has. Whenever the light of the patches has changed all receivers are out of date; a tick gathers as many as its
 //! budget allows, those whose turn was longest ago first and among equals the nearest.
 
-use crate::PatchLight;
 use crate::chunks::ChunkTable;
-use crate::local_set::LocalSet;
+use crate::local_set::{LocalSet, Resident};
 use crate::slots::{FREE, split_row, visit_row};
-use earthshine_world::{Chunk, ChunkId, LightRig, Rgb, Vec3, VoxelCoord};
+use crate::{EngineConfig, PatchLight};
+use earthshine_world::{Chunk, ChunkId, Direction, LightRig, Rgb, Vec3, VoxelCoord};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
@@ -28,8 +30,12 @@ struct AirVoxel {
     rows: Range<usize>,
     /// Generation of the patches' light that `lights` were gathered from; 0 for none yet.
     lit: u64,
-    /// Those that know enough, by direction.
+    /// Of its air, those that know enough, by direction.
     lights: Vec<PatchLight>,
+    /// Of its surfaces, by direction and detail voxel, with the coordinates of those.
+    details: Vec<PatchLight>,
+    /// Whether detail voxels are told of at all.
+    has_detail: bool,
 }
 
 /// Names a voxel's receivers: their chunk, and the first of their rows.
@@ -46,7 +52,9 @@ pub(crate) struct AirSet {
     /// Counts changes of the patches' light.
     generation: u64,
     stale: usize,
-    /// Whether [`Self::lights`] may have changed after it was asked about.
+    /// Detail voxels along a voxel's edge.
+    detail: u32,
+    /// Whether [`Self::lights`] or [`Self::details`] may have changed after it was asked about.
     has_news: bool,
     /// Where the voxels were chosen from: the focus, and the chunks.
     planned: Option<(Vec3, Vec<Arc<Chunk>>)>,
@@ -60,6 +68,20 @@ struct Near<'a> {
     end: usize,
     voxel: VoxelCoord,
 }
+
+/// What receivers gather from.
+struct Sources<'a> {
+    local: &'a LocalSet,
+    rig: &'a LightRig,
+    /// By slot, lm/m2.
+    exitance: Vec<Rgb>,
+    /// Slots of patches by place, where there is detail.
+    by_place: BTreeMap<([i32; 3], Direction), u32>,
+    detail: u32,
+}
+
+/// Detail voxels that a session is told of, at most: those of the voxels nearest to the camera.
+pub(crate) const DETAIL_VOXELS_MAX: usize = EngineConfig::DETAIL_VOXELS_LIMIT as usize;
 
 impl AirSet {
     /// Chooses the `voxels_max` nearest voxels with receivers of `chunks` (wanted, in memory). What stays keeps its light.
@@ -83,19 +105,26 @@ impl AirSet {
         self.planned = Some((focus, chunks.iter().map(|&chunk| Arc::clone(chunk)).collect()));
         let mut near = nearest(focus, chunks, table, voxels_max);
         near.sort_unstable_by_key(|candidate| (candidate.distance, candidate.key));
+        self.detail = table.detail();
         let mut before = std::mem::take(&mut self.voxels);
+        let mut details = 0;
         for candidate in &near {
-            let kept = before.remove(&candidate.key).filter(|kept| Arc::ptr_eq(&kept.chunk, candidate.chunk));
             let rows = candidate.key.1..candidate.end;
+            details += detail_count(candidate.chunk, rows.clone());
+            let has_detail = details <= DETAIL_VOXELS_MAX;
+            let kept = before
+                .remove(&candidate.key)
+                .filter(|kept| Arc::ptr_eq(&kept.chunk, candidate.chunk) && kept.has_detail == has_detail);
             let chunk = || Arc::clone(candidate.chunk);
-            let fresh = || AirVoxel { chunk: chunk(), rows, lit: 0, lights: Vec::new() };
+            let (lights, details) = (Vec::new(), Vec::new());
+            let fresh = || AirVoxel { chunk: chunk(), rows, lit: 0, lights, details, has_detail };
             self.voxels.insert(candidate.key, kept.unwrap_or_else(fresh));
         }
         self.nearest_first = near.iter().map(|candidate| candidate.key).collect();
         near.sort_unstable_by_key(|candidate| candidate.voxel.to_array());
         self.by_place = near.iter().map(|candidate| candidate.key).collect();
         self.stale = self.stale_now();
-        self.has_news |= before.values().any(|gone| !gone.lights.is_empty());
+        self.has_news |= before.values().any(|gone| !(gone.lights.is_empty() && gone.details.is_empty()));
     }
 
     /// Whether its light may have changed since this was asked before.
@@ -129,7 +158,7 @@ impl AirSet {
         if self.stale == 0 {
             return 0;
         }
-        let exitance = local.exitances();
+        let sources = Sources::new(local, rig, self.detail);
         let mut turn: Vec<(u64, usize)> = (0..self.nearest_first.len())
             .map(|place| (self.voxels[&self.nearest_first[place]].lit, place))
             .filter(|&(lit, _)| lit < self.generation)
@@ -146,10 +175,9 @@ impl AirSet {
             let chunk = &voxel.chunk;
             let segments =
                 segments.entry(chunk.id).or_insert_with(|| local.segment_slots(&chunk.receivers.rows));
-            let lights: Vec<_> =
-                voxel.rows.clone().filter_map(|row| gathered(chunk, row, segments, &exitance, rig)).collect();
-            self.has_news |= lights != voxel.lights;
-            voxel.lights = lights;
+            let (lights, details) = sources.gathered(voxel, segments);
+            self.has_news |= lights != voxel.lights || details != voxel.details;
+            (voxel.lights, voxel.details) = (lights, details);
             voxel.lit = self.generation;
             spent = spent.saturating_add(cost);
             self.stale -= 1;
@@ -157,7 +185,14 @@ impl AirSet {
         spent
     }
 
-    /// Light of all receivers that know enough, ascending by voxel (x, y, z), then direction.
+    /// Light on surfaces by detail voxel, ascending by detail voxel (x, y, z), then direction.
+    pub(crate) fn details(&self) -> Vec<PatchLight> {
+        let mut details: Vec<_> = self.voxels.values().flat_map(|voxel| voxel.details.iter().copied()).collect();
+        details.sort_unstable_by_key(|light| (light.voxel.to_array(), light.direction));
+        details
+    }
+
+    /// Light of all receivers in the air that know enough, ascending by voxel (x, y, z), then direction.
     pub(crate) fn lights(&self) -> Vec<PatchLight> {
         self.by_place.iter().flat_map(|key| self.voxels[key].lights.iter().copied()).collect()
     }
@@ -208,38 +243,77 @@ fn nearest<'a>(
     near
 }
 
-/// Light of the receiver in row `row`, if it knows enough; `exitance` is by slot, lm/m2.
-fn gathered(
-    chunk: &Chunk,
-    row: usize,
-    segments: &[&[u32]],
-    exitance: &[Rgb],
-    rig: &LightRig,
-) -> Option<PatchLight> {
-    let rows = &chunk.receivers.rows;
-    let parts = split_row(segments, rows, row);
-    if parts.known() < KNOWN_SHARE_MIN {
-        return None;
+/// How many of `rows` are of surfaces.
+fn detail_count(chunk: &Chunk, rows: Range<usize>) -> usize {
+    chunk.receivers.places[rows].iter().filter(|place| place.detail.is_some()).count()
+}
+
+impl<'a> Sources<'a> {
+    fn new(local: &'a LocalSet, rig: &'a LightRig, detail: u32) -> Self {
+        let place = |(slot, resident): (u32, &Resident)| {
+            ((resident.patch.voxel.to_array(), resident.patch.direction), slot)
+        };
+        let by_place = if detail > 1 { local.iter().map(place).collect() } else { BTreeMap::new() };
+        Self { local, rig, exitance: local.exitances(), by_place, detail }
     }
-    let mut irradiance = Rgb::ZERO;
-    visit_row(segments, rows, row, |slot, share| {
-        if slot != FREE {
-            irradiance += share * exitance[slot as usize];
+
+    /// Light of the receivers of `voxel`, of its air and of its detail voxels.
+    fn gathered(&self, voxel: &AirVoxel, segments: &[&[u32]]) -> (Vec<PatchLight>, Vec<PatchLight>) {
+        let (mut lights, mut details) = (Vec::new(), Vec::new());
+        for row in voxel.rows.clone() {
+            let place = voxel.chunk.receivers.places[row];
+            let Some(detail) = place.detail else {
+                let light = self.light(&voxel.chunk, row, segments);
+                lights.extend((light.known_share >= KNOWN_SHARE_MIN).then_some(light));
+                continue;
+            };
+            let slot = self.by_place.get(&(place.voxel.to_array(), place.direction));
+            let Some(&slot) = slot.filter(|_| voxel.has_detail) else { continue };
+            let resident = self.local.resident(slot);
+            let light = fed_as(resident, self.light(&voxel.chunk, row, segments));
+            let (voxel, plane_offset) = (detail.coord(light.voxel, self.detail), Some(detail.plane_offset()));
+            details.push(PatchLight { voxel, plane_offset, ..light });
         }
-    });
-    let sky = rig.sky.irradiance(&rows.sky_shares[row]);
-    let place = chunk.receivers.places[row];
-    Some(PatchLight {
-        voxel: place.voxel,
-        direction: place.direction,
-        irradiance: finite(irradiance + sky),
-        sky_irradiance: finite(sky),
-        plane_offset: None,
-        known_share: parts.known(),
-        far_share: parts.far.clamp(0.0, 1.0),
-        // Far columns of receivers are a gap, for now.
-        fed_share: 0.0,
-    })
+        (lights, details)
+    }
+
+    /// Light of the receiver in row `row`, without that of far columns.
+    fn light(&self, chunk: &Chunk, row: usize, segments: &[&[u32]]) -> PatchLight {
+        let rows = &chunk.receivers.rows;
+        let parts = split_row(segments, rows, row);
+        let mut irradiance = Rgb::ZERO;
+        visit_row(segments, rows, row, |slot, share| {
+            if slot != FREE {
+                irradiance += share * self.exitance[slot as usize];
+            }
+        });
+        let sky = self.rig.sky.irradiance(&rows.sky_shares[row]);
+        let place = chunk.receivers.places[row];
+        PatchLight {
+            voxel: place.voxel,
+            direction: place.direction,
+            irradiance: finite(irradiance + sky),
+            sky_irradiance: finite(sky),
+            plane_offset: None,
+            known_share: parts.known(),
+            far_share: parts.far.clamp(0.0, 1.0),
+            // Far columns of receivers in the air are a gap, for now.
+            fed_share: 0.0,
+        }
+    }
+}
+
+/// `light` of a detail voxel with what comes from afar to the patch that it is part of, for its own far share.
+fn fed_as(patch: &Resident, light: PatchLight) -> PatchLight {
+    if patch.parts.far <= 0.0 {
+        return light;
+    }
+    let ratio = light.far_share / patch.parts.far;
+    PatchLight {
+        irradiance: finite(light.irradiance + patch.light.far_irradiance * ratio),
+        fed_share: (patch.fed_share * ratio).clamp(0.0, light.far_share),
+        ..light
+    }
 }
 
 /// Light that an `f32` cannot carry is as bright as it can be.

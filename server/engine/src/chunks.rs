@@ -42,6 +42,8 @@ pub(crate) struct ChunkTable {
     /// One a level, finest first.
     casters: Vec<ShadowCasters>,
     levels: Vec<LevelPlan>,
+    /// Detail voxels along a voxel's edge.
+    detail: u32,
     decoded_bytes: u64,
     in_flight: u32,
     in_flight_bytes: u64,
@@ -96,12 +98,18 @@ impl ChunkTable {
             in_flight_bytes: 0,
             spare: BTreeSet::new(),
             quarantined: BTreeSet::new(),
+            detail: index.detail,
         }
     }
 
     /// All levels, finest first; at least one.
     pub(crate) fn levels(&self) -> &[LevelPlan] {
         &self.levels
+    }
+
+    /// Detail voxels along a voxel's edge of level 0.
+    pub(crate) fn detail(&self) -> u32 {
+        self.detail
     }
 
     /// What casts shadows on `level`.

@@ -81,11 +81,11 @@ pub struct EngineConfig {
     /// - Higher: moving lights are followed closely; longer ticks.
     /// - Lower: shorter ticks; direct light is older (counted as stale in each frame).
     pub shadow_points_per_tick_max: u32,
-    /// Voxels with receivers (light in empty air) that a session is told of, 0 to [`Self::RECEIVER_VOXELS_LIMIT`].
+    /// Voxels with receivers (light in empty air, and detail of surfaces) that a session is told of, 0 to [`Self::RECEIVER_VOXELS_LIMIT`].
     ///
     /// The nearest to the camera are taken.
-    /// - Higher: moving objects are lit farther away; more memory, larger deltas.
-    /// - 0: moving objects have light only next to surfaces.
+    /// - Higher: moving objects are lit, and surfaces have detail, farther away; more memory, larger deltas.
+    /// - 0: moving objects have light only next to surfaces, and there is no detail.
     pub receiver_voxels_max: u32,
     /// Rows of receivers gathered a tick, over all sessions, at least 1.
     ///
@@ -163,6 +163,8 @@ pub struct ConfigError {
 impl EngineConfig {
     /// Largest `resident_patches_max`: 1.5 GiB a session.
     pub const RESIDENT_PATCHES_LIMIT: u32 = 16_384;
+    /// Most detail voxels that a session is told of: with those emptied a delta is still one message.
+    pub const DETAIL_VOXELS_LIMIT: u32 = 32_768;
     /// Largest `receiver_voxels_max`: with the largest resident set a delta is still one message.
     pub const RECEIVER_VOXELS_LIMIT: u32 = 16_384;
     /// Largest `sessions_max`.

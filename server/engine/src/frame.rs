@@ -66,6 +66,9 @@ pub struct Frame {
     pub patches: Arc<[PatchLight]>,
     /// Light in empty air near the camera: receivers, ascending like `patches`. None is where a patch is resident.
     pub receivers: Arc<[PatchLight]>,
+    /// Detail of the surfaces nearest to the camera: `voxel` is a detail voxel, ascending like `patches`. Only where the patch of
+    /// the voxel around it is resident.
+    pub details: Arc<[PatchLight]>,
     /// The coarser levels, finer first; what is beyond them has no light.
     pub coarse: Vec<LevelLight>,
     /// How complete it is.

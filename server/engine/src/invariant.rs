@@ -11,6 +11,7 @@
 //! | E7 frame | a frame is finite, not negative, ascending, and no larger than the capacity |
 //! | E8 limit | sessions and receivers are within their limits |
 //! | E9 air | receivers are counted, and light in the air is finite, ascending and nowhere where a patch is resident |
+//! | E9 detail voxels | light of detail is finite and ascending |
 //! | E10 pinned | a settled pinned level is resident, all of it that is not refused or given up |
 //! | E11 far | far columns by parent are no more than the far part; what is fed is no more than that; parents are counted |
 //! | E12 spare | spare chunks are Decoded, wanted by nobody, and those alone; what waits to be taken is Requested, once |
@@ -215,7 +216,8 @@ fn check_frame(session: &Session) -> Result<(), InvariantError> {
     ensure("E7 frame", is_sound && is_counted && is_within && frame.session == session.id, at)?;
     let is_apart = |air: &PatchLight| frame.patches.binary_search_by_key(&place(air), place).is_err();
     let is_air = frame.receivers.iter().all(|air| is_light(air) && is_apart(air));
-    ensure("E9 air", is_air && ascend(&frame.receivers), at)
+    ensure("E9 air", is_air && ascend(&frame.receivers), at)?;
+    ensure("E9 detail voxels", frame.details.iter().all(is_light) && ascend(&frame.details), at)
 }
 
 fn place(light: &PatchLight) -> ([i32; 3], Direction) {

@@ -40,6 +40,8 @@ pub(crate) struct Session {
     /// Light in the air as it was last told.
     receivers: Arc<[PatchLight]>,
     quality: FrameQuality,
+    /// Detail as it was last told.
+    details: Arc<[PatchLight]>,
     told: Option<FrameQuality>,
     frames: u64,
     /// The last frame, for invariants.
@@ -61,6 +63,7 @@ impl Session {
             air: AirSet::default(),
             receivers: Arc::default(),
             quality: FrameQuality::default(),
+            details: Arc::default(),
             told: None,
             frames: 0,
             last_frame: None,
@@ -183,6 +186,7 @@ impl Session {
         }
         if self.air.take_news() {
             self.receivers = self.air.lights().into();
+            self.details = self.air.details().into();
             is_new = true;
         }
         if !is_new {
@@ -198,6 +202,7 @@ impl Session {
             coarse: levels.split_off(1),
             patches: levels.swap_remove(0).patches,
             receivers: Arc::clone(&self.receivers),
+            details: Arc::clone(&self.details),
             quality,
         });
         self.last_frame = Some(Arc::clone(&frame));

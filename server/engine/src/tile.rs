@@ -7,7 +7,7 @@ use crate::error::TileFault;
 use earthshine_light::Occluders;
 use earthshine_radiosity::invariant::row_sums_to_one;
 use earthshine_world::lineage::Lineage;
-use earthshine_world::{Chunk, ChunkRows, ChunkSummary, Grid, Patch, ReceiverPlace, SamplePoint};
+use earthshine_world::{Chunk, ChunkRows, ChunkSummary, Grid, Patch, ReceiverPlace, Receivers, SamplePoint};
 use std::mem::size_of;
 use std::sync::Arc;
 
@@ -90,17 +90,18 @@ fn check_patches(chunk: &Chunk, grid: &Grid) -> Result<(), TileFault> {
     if places.windows(2).any(|pair| pair[0] == pair[1]) { Err(TileFault::Duplicate) } else { Ok(()) }
 }
 
-/// Receivers ascend, lie in the chunk, and none is where a patch is.
+/// Receivers ascend, lie in the chunk, and are where a patch is just if they are of its surfaces.
 fn check_receivers(chunk: &Chunk, grid: &Grid) -> Result<(), TileFault> {
     let places = &chunk.receivers.places;
-    if places.len() > Chunk::PATCHES_MAX || !places.is_sorted_by(|a, b| a.order() < b.order()) {
+    if places.len() > Receivers::COUNT_MAX || !places.is_sorted_by(|a, b| a.order() < b.order()) {
         return Err(TileFault::Receivers);
     }
     let mut patches: Vec<_> =
         chunk.patches.iter().map(|patch| (patch.voxel.to_array(), patch.direction)).collect();
     patches.sort_unstable();
     let strays = |place: &ReceiverPlace| {
-        grid.chunk_of(place.voxel) != chunk.id.coord || patches.binary_search(&place.order()).is_ok()
+        let has_patch = patches.binary_search(&(place.voxel.to_array(), place.direction)).is_ok();
+        grid.chunk_of(place.voxel) != chunk.id.coord || has_patch != place.detail.is_some()
     };
     if places.iter().any(strays) {
         return Err(TileFault::Receivers);
@@ -176,7 +177,7 @@ mod tests {
             (TileFault::Receivers, |c| c.receivers.rows.shares[0] = -1.0),
             (TileFault::Receivers, |c| {
                 let Patch { voxel, direction, .. } = c.patches[0];
-                c.receivers.places[0] = ReceiverPlace { voxel, direction };
+                c.receivers.places[0] = ReceiverPlace::in_air(voxel, direction);
                 c.receivers.places.sort_by_key(ReceiverPlace::order);
             }),
         ];

@@ -70,7 +70,7 @@ pub(crate) fn volume(store: &DeltaStore) -> v1::ServerMessage {
     let layout = store.layout();
     let IVec3 { x, y, z } = layout.origin;
     say(Message::Volume(v1::Volume {
-        volume: layout.level.into(),
+        volume: store.name(),
         level: layout.level.into(),
         origin: Some(v1::VoxelCoord { x, y, z }),
         dims: Some(v1::Dims { x: layout.dims.x, y: layout.dims.y, z: layout.dims.z }),
@@ -82,7 +82,7 @@ pub(crate) fn volume(store: &DeltaStore) -> v1::ServerMessage {
 /// Light that changed. Always whole: the store's bounds keep a generation within one message.
 pub(crate) fn delta(changes: &Changes) -> v1::ServerMessage {
     let mut delta = v1::Delta {
-        volume: changes.level.into(),
+        volume: changes.volume,
         from_generation: changes.from,
         to_generation: changes.to,
         camera_sequence: changes.caption.camera_sequence,

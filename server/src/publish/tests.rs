@@ -29,6 +29,7 @@ fn frame(lights: &[(IVec3, f32)]) -> Frame {
         voxel_edge_m: 1.0,
         patches: patches.into(),
         receivers: Arc::default(),
+        details: Arc::default(),
         coarse: Vec::new(),
         quality: FrameQuality::default(),
     }

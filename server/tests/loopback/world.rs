@@ -78,7 +78,7 @@ fn receivers(id: ChunkId) -> Receivers {
         sky_shares: vec![[0.0; 6]],
         absorbed_shares: vec![1.0 - AIR_SHARE],
     };
-    Receivers { places: vec![ReceiverPlace { voxel: AIR_VOXEL, direction: Direction::NegX }], rows }
+    Receivers { places: vec![ReceiverPlace::in_air(AIR_VOXEL, Direction::NegX)], rows }
 }
 
 /// Writes the world into `folder`.

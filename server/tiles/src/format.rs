@@ -12,7 +12,7 @@
 //!      │ segments                   │ SegmentRecord x segment_count: the chunks that columns point into
 //!      │ rows 0                     │ 32 rows: own segment list, sky, absorbed, column gaps, shares
 //!      │ ...                        │ ceil(patch_count / 32) groups in all
-//!      │ receivers                  │ ReceiverRecord x receiver_count, byte planes: rows in empty air
+//!      │ receivers                  │ ReceiverRecord x receiver_count, byte planes: rows without columns
 //!      │ receivers' segments        │ SegmentRecord x receiver_segment_count
 //!      │ receivers' rows 0          │ as rows, one row a receiver
 //!      │ ...                        │ ceil(receiver_count / 32) groups in all
@@ -30,7 +30,7 @@ use earthshine_world::{ChunkCoord, ChunkId};
 use std::path::Path;
 
 /// Version of the tile format and of `world.toml`. Any change of a layout is a new number.
-pub const VERSION: u32 = 3;
+pub const VERSION: u32 = 4;
 /// First bytes of a tile. The last two find files that were copied as text.
 pub const MAGIC: [u8; 8] = *b"EARTHS\r\n";
 /// Sections besides row groups: patches, points, segments, receivers and their segments, occluders.
@@ -304,7 +304,7 @@ impl TileHeader {
             ("sample points", u64::from(self.point_count), u64::from(limits::POINTS_MAX)),
             ("non-zeros", self.nonzero_count, limits::NONZEROS_MAX),
             ("segments", u64::from(self.segment_count), u64::from(limits::SEGMENTS_MAX)),
-            ("receivers", u64::from(self.receiver_count), u64::from(limits::PATCHES_MAX)),
+            ("receivers", u64::from(self.receiver_count), u64::from(limits::RECEIVERS_MAX)),
             ("receivers' non-zeros", self.receiver_nonzero_count, limits::NONZEROS_MAX),
             ("receivers' segments", u64::from(self.receiver_segment_count), u64::from(limits::SEGMENTS_MAX)),
             ("vertices", u64::from(self.vertex_count), u64::from(limits::VERTICES_MAX)),

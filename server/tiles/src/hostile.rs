@@ -53,8 +53,7 @@ fn chunk() -> Chunk {
 /// Five receivers above the patches, with the first five of `rows`.
 fn receivers(rows: &ChunkRows) -> Receivers {
     const COUNT: usize = 5;
-    let place =
-        |index: usize| ReceiverPlace { voxel: ChunkCoord::new(16, 17, 16), direction: Direction::ALL[index] };
+    let place = |index: usize| ReceiverPlace::in_air(ChunkCoord::new(16, 17, 16), Direction::ALL[index]);
     let entries = rows.row_starts[COUNT] as usize;
     let rows = ChunkRows {
         segments: rows.segments.clone(),
@@ -176,7 +175,7 @@ fn huge_counts_in_small_files_are_refused() {
         |h| h.vertex_count = u32::MAX,
         |h| h.triangle_count = u32::MAX,
         |h| h.level = 16,
-        |h| h.receiver_count = limits::PATCHES_MAX + 1,
+        |h| h.receiver_count = limits::RECEIVERS_MAX + 1,
         |h| h.receiver_nonzero_count = u64::MAX,
         |h| h.receiver_segment_count = u32::MAX,
     ];
@@ -194,7 +193,7 @@ fn huge_counts_in_small_files_are_refused() {
         |h| h.segment_count = limits::SEGMENTS_MAX,
         |h| h.vertex_count = limits::VERTICES_MAX,
         |h| h.row_codec = 77,
-        |h| h.receiver_count = limits::PATCHES_MAX,
+        |h| h.receiver_count = limits::RECEIVERS_MAX,
         |h| h.receiver_count -= 1,
         |h| h.receiver_nonzero_count = limits::NONZEROS_MAX,
         |h| h.receiver_nonzero_count -= 1,

@@ -206,6 +206,7 @@ mod tests {
     fn targets_are_held_against_the_world() {
         let chunk = sound();
         let mut index = WorldIndex {
+            detail: 1,
             grid: Grid { voxel_edge_m: 1.0, chunk_edge_voxels: 16 },
             bounds: Bounds::EMPTY,
             chunks: vec![ChunkSummary { id: chunk.id, patch_count: 2, nonzero_count: 3, tile_bytes: 0 }],

@@ -1,10 +1,12 @@
 //! What a file may ask for. Checked before memory is taken, so that a hostile file costs
 //! at most about two GiB for the moment of its decoding.
 
-use earthshine_world::Chunk;
+use earthshine_world::{Chunk, Receivers};
 
-/// Patches in a tile, and receivers: locals are `u16`.
+/// Patches in a tile: locals are `u16`.
 pub const PATCHES_MAX: u32 = Chunk::PATCHES_MAX as u32;
+/// Receivers in a tile.
+pub const RECEIVERS_MAX: u32 = Receivers::COUNT_MAX as u32;
 /// Sample points in a tile: 64 a patch, for four times the bake's default.
 pub const POINTS_MAX: u32 = 1 << 22;
 /// Chunks that one tile's columns may point into: segments are `u16`.

@@ -126,6 +126,7 @@ impl Manifest {
             tile_bytes: entry.tile_bytes,
         };
         WorldIndex {
+            detail: self.parameters.detail,
             grid: self.parameters.grid,
             bounds: self.bounds,
             chunks: self.chunks.iter().map(summary).collect(),
@@ -165,8 +166,8 @@ impl ChunkEntry {
             Some(format!("its level is above {}", limits::LEVEL_MAX))
         } else if self.patch_count > limits::PATCHES_MAX {
             Some(format!("it has more than {} patches", limits::PATCHES_MAX))
-        } else if self.receiver_count > limits::PATCHES_MAX {
-            Some(format!("it has more than {} receivers", limits::PATCHES_MAX))
+        } else if self.receiver_count > limits::RECEIVERS_MAX {
+            Some(format!("it has more than {} receivers", limits::RECEIVERS_MAX))
         } else if self.nonzero_count.max(self.receiver_nonzero_count) > limits::NONZEROS_MAX
             || self.tile_bytes > limits::TILE_BYTES_MAX
         {

@@ -31,11 +31,25 @@ pub struct BakeParameters {
     pub receiver_rays: u32,
     /// Most columns of a receiver's row; the rest of its share goes to a fair choice of them.
     pub receiver_columns: u32,
+    /// Detail voxels along a voxel's edge, each with receivers on its surfaces: 1 (none), 2 or 4.
+    #[serde(default = "no_detail")]
+    pub detail: u32,
+    /// Rays of such a receiver.
+    #[serde(default)]
+    pub detail_rays: u32,
+    /// Most columns of its row.
+    #[serde(default)]
+    pub detail_columns: u32,
     /// Voxels and chunks of level 0.
     pub grid: Grid,
     /// By which methods. Worlds from before there was a choice were made by the default ones.
     #[serde(default)]
     pub method: BakeMethod,
+}
+
+/// Worlds from before there was detail have none.
+fn no_detail() -> u32 {
+    1
 }
 
 impl Default for BakeParameters {
@@ -52,6 +66,9 @@ impl Default for BakeParameters {
             receiver_reach_voxels: 4,
             receiver_rays: 512,
             receiver_columns: 24,
+            detail: 1,
+            detail_rays: 512,
+            detail_columns: 192,
             grid: Grid { voxel_edge_m: 1.0, chunk_edge_voxels: 16 },
             method: BakeMethod::default(),
         }
@@ -59,6 +76,18 @@ impl Default for BakeParameters {
 }
 
 impl BakeParameters {
+    /// The same with detail voxels for voxels: chunks are as large as they were, surfaces have about as many points.
+    #[must_use]
+    pub fn of_detail_voxels(&self) -> Self {
+        let Grid { voxel_edge_m, chunk_edge_voxels } = self.grid;
+        let grid = Grid {
+            voxel_edge_m: voxel_edge_m / self.detail as f32,
+            chunk_edge_voxels: chunk_edge_voxels * self.detail,
+        };
+        let samples_per_voxel_face = self.samples_per_voxel_face.div_ceil(self.detail * self.detail);
+        Self { grid, samples_per_voxel_face, ..*self }
+    }
+
     /// A hash of all of them, for a world's hash and the input hashes of chunks.
     #[must_use]
     pub fn content_hash(&self) -> u64 {
@@ -75,6 +104,9 @@ impl BakeParameters {
             receiver_reach_voxels,
             receiver_rays,
             receiver_columns,
+            detail,
+            detail_rays,
+            detail_columns,
             grid: Grid { voxel_edge_m, chunk_edge_voxels },
             method,
         } = *self;
@@ -86,6 +118,9 @@ impl BakeParameters {
             receiver_reach_voxels,
             receiver_rays,
             receiver_columns,
+            detail,
+            detail_rays,
+            detail_columns,
             chunk_edge_voxels,
         ];
         checksum::hash_parts(&[
@@ -106,6 +141,8 @@ impl BakeParameters {
             Some("parameters.grid.chunk_edge_voxels is not between 1 and 22")
         } else if self.seed > i64::MAX as u64 {
             Some("parameters.seed is above 2^63 - 1, the largest integer in TOML")
+        } else if ![1, 2, 4].contains(&self.detail) {
+            Some("parameters.detail is not 1, 2 or 4")
         } else if self.method.fault().is_some() {
             Some("parameters.method is none that a bake can have")
         } else {
@@ -136,6 +173,9 @@ mod tests {
             BakeParameters { receiver_reach_voxels: 2, ..base },
             BakeParameters { receiver_rays: 2, ..base },
             BakeParameters { receiver_columns: 2, ..base },
+            BakeParameters { detail: 4, ..base },
+            BakeParameters { detail_rays: 2, ..base },
+            BakeParameters { detail_columns: 2, ..base },
             BakeParameters { grid: finer, ..base },
             BakeParameters { grid: smaller, ..base },
             BakeParameters { method: BakeMethod { rays_min: 8, ..base.method }, ..base },
@@ -145,6 +185,6 @@ mod tests {
         .collect();
         hashes.sort_unstable();
         hashes.dedup();
-        assert_eq!(hashes.len(), 15);
+        assert_eq!(hashes.len(), 18);
     }
 }

@@ -4,7 +4,7 @@
 //! Row sums and the like are not structure; they are in [`crate::invariant`].
 
 use crate::{codec::Decoded, limits};
-use earthshine_world::{Chunk, ChunkRows, Patch, ReceiverPlace, Vec3};
+use earthshine_world::{Chunk, ChunkRows, Patch, ReceiverPlace, Receivers, Vec3};
 
 /// Checks all of `chunk`.
 pub(crate) fn check(chunk: &Chunk) -> Decoded<()> {
@@ -59,20 +59,25 @@ pub(crate) fn check_places(places: &[ReceiverPlace]) -> Decoded<()> {
     }
 }
 
-/// Checks that no place of a receiver has a patch.
+/// Checks that receivers in the air are where no patch is, and those on surfaces where one is.
 pub(crate) fn check_apart(patches: &[Patch], places: &[ReceiverPlace]) -> Decoded<()> {
     let mut taken: Vec<_> = patches.iter().map(|patch| (patch.voxel.to_array(), patch.direction)).collect();
     taken.sort_unstable();
-    match places.iter().find(|place| taken.binary_search(&place.order()).is_ok()) {
+    let has_patch =
+        |place: &ReceiverPlace| taken.binary_search(&(place.voxel.to_array(), place.direction)).is_ok();
+    match places.iter().find(|place| has_patch(place) != place.detail.is_some()) {
         None => Ok(()),
-        Some(place) => Err(format!("{} facing {:?} has a patch", place.voxel, place.direction)),
+        Some(place) => {
+            let what = if place.detail.is_some() { "no patch" } else { "a patch" };
+            Err(format!("{} facing {:?} has {what}", place.voxel, place.direction))
+        }
     }
 }
 
 fn check_receivers(chunk: &Chunk) -> Decoded<()> {
     let places = &chunk.receivers.places;
-    if places.len() > Chunk::PATCHES_MAX {
-        return Err(format!("{} of them, the limit is {}", places.len(), Chunk::PATCHES_MAX));
+    if places.len() > Receivers::COUNT_MAX {
+        return Err(format!("{} of them, the limit is {}", places.len(), Receivers::COUNT_MAX));
     }
     check_places(places)?;
     check_apart(&chunk.patches, places)?;

@@ -6,7 +6,7 @@ use chunks::{options, random_chunk};
 use earthshine_tiles::{
     MappedTile, RowCodec, TileError, check_receivers, check_rows, decode_bytes, encode, write_atomic,
 };
-use earthshine_world::{Chunk, Column, ReceiverPlace, Vec3};
+use earthshine_world::{Chunk, Column, ReceiverPlace, DetailVoxel, Vec3, VoxelCoord};
 use std::path::Path;
 
 const SIZES: [(usize, usize); 8] =
@@ -119,7 +119,7 @@ fn a_file_cut_under_the_map_is_an_error() {
 #[test]
 fn impossible_chunks_are_refused_by_name() {
     type Change = fn(&mut Chunk);
-    let cases: [(&str, Change); 19] = [
+    let cases: [(&str, Change); 20] = [
         ("patch 3 has sample points", |c| c.patches[3].point_count = 0),
         ("patch 3 has sample points", |c| c.patches[3].point_first = u32::MAX),
         ("patch 4 has no positive area", |c| c.patches[4].area = f32::NAN),
@@ -136,8 +136,12 @@ fn impossible_chunks_are_refused_by_name() {
         ("receivers: the receivers do not ascend", |c| c.receivers.places[1] = c.receivers.places[0]),
         ("facing", |c| {
             let patch = c.patches[0];
-            c.receivers.places[0] = ReceiverPlace { voxel: patch.voxel, direction: patch.direction };
+            c.receivers.places[0] = ReceiverPlace::in_air(patch.voxel, patch.direction);
             c.receivers.places.sort_by_key(ReceiverPlace::order);
+        }),
+        ("has no patch", |c| {
+            let air = c.receivers.places.iter_mut().rfind(|place| place.detail.is_none());
+            air.expect("air").detail = Some(DetailVoxel::new(VoxelCoord::ZERO, 0.5));
         }),
         ("receivers: ", |c| c.receivers.rows.shares[0] = 3.0),
         ("receivers: ", |c| c.receivers.places.truncate(2)),

@@ -20,6 +20,8 @@ pub struct ChunkSummary {
 pub struct WorldIndex {
     /// Level 0's grid.
     pub grid: Grid,
+    /// Detail voxels along a voxel's edge in which receivers on surfaces stand: 1 where there are none, 2 or 4.
+    pub detail: u32,
     /// Box around all geometry, m.
     pub bounds: Bounds,
     /// Every chunk that has a tile, ascending by id.

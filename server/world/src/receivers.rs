@@ -1,24 +1,73 @@
-//! Receivers: light where there is no surface, for objects that move.
+//! Receivers: rows without a column, in the air and on surfaces.
 //!
-//! A receiver is a row without a column: it says where the light comes from that would arrive at a plane facing one
-//! direction in the open part of a voxel. It receives and never sends, so it has no area, no reflectance and no slot.
+//! A receiver says where the light comes from that arrives at a plane facing one direction. It receives and never sends,
+//! so it has no area, no reflectance and no slot. *In the air* it stands in the open part of a voxel, for objects that
+//! move. *On surfaces* it stands for what faces its direction in one *detail voxel*, a part of a voxel of half or a quarter of its edge: the
+//! light there in more detail than the voxel's patch has.
 
 use crate::{ChunkRows, Direction, VoxelCoord};
+use glam::IVec3;
+
+/// A part of a voxel, and where in it the surface lies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct DetailVoxel {
+    /// `x | y << 2 | z << 4`, each counted in detail voxels from the low corner of the voxel.
+    pub index: u8,
+    /// Where the surface lies along the axis of the receiver's direction: in 254ths of the detail voxel's edge from its low side.
+    pub plane: u8,
+}
+
+impl DetailVoxel {
+    /// Most detail voxels along a voxel's edge.
+    pub const PER_EDGE_MAX: u32 = 4;
+    /// Steps between the two sides of a detail voxel.
+    pub const PLANE_STEPS: f32 = 254.0;
+
+    /// Which detail voxel `offset` (detail voxels from the low corner of the voxel, each below 4) is, with its surface `plane_offset` detail voxel
+    /// edges (0..=1) above its low side.
+    #[must_use]
+    pub fn new(offset: IVec3, plane_offset: f32) -> Self {
+        let IVec3 { x, y, z } = offset & 3;
+        let plane = (plane_offset.clamp(0.0, 1.0) * Self::PLANE_STEPS).round();
+        Self { index: (x | y << 2 | z << 4) as u8, plane: plane as u8 }
+    }
+
+    /// The detail voxel in a grid of detail voxels, `detail` along an edge of `voxel`.
+    #[must_use]
+    pub fn coord(self, voxel: VoxelCoord, detail: u32) -> VoxelCoord {
+        let index = i32::from(self.index);
+        voxel * detail.cast_signed() + IVec3::new(index & 3, index >> 2 & 3, index >> 4 & 3)
+    }
+
+    /// See [`Self::plane`]; in detail voxel edges, 0..=1.
+    #[must_use]
+    pub fn plane_offset(self) -> f32 {
+        f32::from(self.plane) / Self::PLANE_STEPS
+    }
+}
 
 /// Where one receiver is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct ReceiverPlace {
-    /// The voxel, which has no patch on `direction`.
+    /// The voxel. In the air it has no patch on `direction`, on surfaces it has one.
     pub voxel: VoxelCoord,
     /// Where the receiving plane faces.
     pub direction: Direction,
+    /// Of which detail voxel's surfaces; `None` in the air.
+    pub detail: Option<DetailVoxel>,
 }
 
 impl ReceiverPlace {
-    /// What places ascend by: voxel (x, y, z), then direction.
+    /// In the air of `voxel`.
     #[must_use]
-    pub fn order(&self) -> ([i32; 3], Direction) {
-        (self.voxel.to_array(), self.direction)
+    pub fn in_air(voxel: VoxelCoord, direction: Direction) -> Self {
+        Self { voxel, direction, detail: None }
+    }
+
+    /// What places ascend by: voxel (x, y, z), then direction, then detail voxel.
+    #[must_use]
+    pub fn order(&self) -> ([i32; 3], Direction, u8) {
+        (self.voxel.to_array(), self.direction, self.detail.map_or(0, |detail| detail.index))
     }
 }
 
@@ -31,8 +80,30 @@ pub struct Receivers {
     pub rows: ChunkRows,
 }
 
+impl Receivers {
+    /// Most receivers a chunk may hold.
+    pub const COUNT_MAX: usize = 1 << 18;
+}
+
 impl Default for Receivers {
     fn default() -> Self {
         Self { places: Vec::new(), rows: ChunkRows { row_starts: vec![0], ..ChunkRows::default() } }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn detail_voxels_have_coordinates_of_their_own() {
+        for (detail, last) in [(2, 1), (4, 3)] {
+            let part = DetailVoxel::new(IVec3::new(last, 0, 1), 0.5);
+            let voxel = VoxelCoord::new(-3, 0, 7);
+            let coord = part.coord(voxel, detail);
+            assert_eq!(coord, voxel * detail as i32 + IVec3::new(last, 0, 1));
+            assert_eq!(coord.div_euclid(IVec3::splat(detail as i32)), voxel);
+            assert!((part.plane_offset() - 0.5).abs() <= 0.5 / DetailVoxel::PLANE_STEPS);
+        }
     }
 }

@@ -14,6 +14,7 @@ use crate::sample::{EVERYWHERE, SurfaceSample, sample_triangle};
 use earthshine_scene::Scene;
 use earthshine_tiles::{BakeParameters, PatchBuilder, SampleSource};
 use earthshine_trace::SceneTracer;
+use glam::IVec3;
 use rayon::prelude::*;
 use std::cell::Cell;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -49,11 +50,18 @@ impl Builder<'_> {
         Surfaces { samples, set }
     }
 
-    /// The first side: covers the scene's surfaces.
+    /// The first side: covers the scene's surfaces. Where there is detail, no sample by area crosses a detail voxel's face,
+    /// so that areas in it are exact.
     #[must_use]
     pub fn samples(&self, progress: &dyn Progress) -> Vec<SurfaceSample> {
         match self.parameters.method.samples {
-            SampleSource::Area => covered(self.tracer.scene(), self.parameters, progress),
+            SampleSource::Area => {
+                let detail = IVec3::splat(self.parameters.detail.cast_signed());
+                let mut samples =
+                    covered(self.tracer.scene(), &self.parameters.of_detail_voxels(), progress);
+                samples.iter_mut().for_each(|sample| sample.voxel = sample.voxel.div_euclid(detail));
+                samples
+            }
             SampleSource::Hammersley => sample_voxels(self.tracer, self.parameters, progress),
         }
     }

@@ -76,7 +76,7 @@ impl<'a> Estimator<'a> {
     }
 }
 
-fn emits(set: &PatchSet, patch: usize) -> bool {
+pub(crate) fn emits(set: &PatchSet, patch: usize) -> bool {
     set.patches[patch].patch.emission != Rgb::ZERO
 }
 

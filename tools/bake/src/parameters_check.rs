@@ -36,9 +36,15 @@ pub(crate) fn check(parameters: &BakeParameters) -> Result<(), BakeError> {
 }
 
 fn check_receivers(parameters: &BakeParameters) -> Result<(), BakeError> {
+    if ![1, 2, 4].contains(&parameters.detail) {
+        let (name, cause) = ("detail voxels along a voxel's edge", "must be 1, 2 or 4");
+        return Err(BakeError::Parameter { name, value: parameters.detail.to_string(), cause });
+    }
     let bounded = [
         ("receivers", parameters.receiver_reach_voxels, 0..=8, "must be 0 to 8 voxels"),
         ("rays of receivers", parameters.receiver_rays, 64..=1 << 16, "must be 64 to 65,536"),
+        ("rays of detail", parameters.detail_rays, 16..=1 << 16, "must be 16 to 65,536"),
+        ("columns of detail", parameters.detail_columns, 4..=1 << 12, "must be 4 to 4,096"),
         ("columns of receivers", parameters.receiver_columns, 4..=1 << 12, "must be 4 to 4,096"),
     ];
     match bounded.into_iter().find(|(_, value, range, _)| !range.contains(value)) {

@@ -13,8 +13,10 @@ pub enum Stage {
     Rows,
     /// Averaging and balancing rows; counted in rows.
     Reciprocity,
-    /// Tracing receivers; counted in rays.
+    /// Tracing receivers in the air; counted in rays.
     Receivers,
+    /// Tracing receivers on surfaces; counted in patches.
+    Detail,
     /// Encoding and writing tiles; counted in tiles.
     Tiles,
     /// Merging coarse levels; begins once a level, counted in its tiles.
@@ -23,13 +25,14 @@ pub enum Stage {
 
 impl Stage {
     /// All stages, in order.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Tree,
         Self::Sample,
         Self::Exposure,
         Self::Rows,
         Self::Reciprocity,
         Self::Receivers,
+        Self::Detail,
         Self::Tiles,
         Self::Pyramid,
     ];
@@ -44,6 +47,7 @@ impl Stage {
             Self::Rows => "rows",
             Self::Reciprocity => "reciprocity",
             Self::Receivers => "receivers",
+            Self::Detail => "detail",
             Self::Tiles => "tiles",
             Self::Pyramid => "pyramid",
         }
@@ -58,6 +62,7 @@ impl Stage {
             Self::Exposure => "points",
             Self::Rows | Self::Receivers => "rays",
             Self::Reciprocity => "rows",
+            Self::Detail => "patches",
             Self::Tiles | Self::Pyramid => "tiles",
         }
     }

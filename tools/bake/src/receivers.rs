@@ -1,4 +1,4 @@
-//! Receivers: rows in empty air, for objects that move.
+//! Receivers in empty air, for objects that move.
 //!
 //! Voxels near patches get a row for each direction on which they have no patch. All rows of a voxel share one set of
 //! rays over the sphere, cast from one place in its open part: a hit counts for each direction that its ray faces, by
@@ -101,7 +101,7 @@ fn sphere_direction(index: u32, (shift_u, shift_v): (f32, f32)) -> Vec3 {
 pub(crate) fn placed(voxels: &[Voxel], rows: Vec<RawRow>) -> Vec<BakeReceiver> {
     let places = voxels
         .iter()
-        .flat_map(|voxel| Direction::ALL.map(|direction| ReceiverPlace { voxel: voxel.at, direction }));
+        .flat_map(|voxel| Direction::ALL.map(|direction| ReceiverPlace::in_air(voxel.at, direction)));
     let says = |row: &RawRow| !row.entries.is_empty() || row.sky.iter().any(|&share| share > 0.0);
     places.zip(rows).filter(|(_, row)| says(row)).map(|(place, row)| BakeReceiver { place, row }).collect()
 }
@@ -111,7 +111,12 @@ pub(crate) fn placed(voxels: &[Voxel], rows: Vec<RawRow>) -> Vec<BakeReceiver> {
 /// Shares above a threshold, and those of patches that glow, stay as they are. Of the others, evenly spread along the
 /// order of patches (which is one of space), some are drawn with chances as their shares, and each gets the
 /// threshold: systematic sampling, so that no light is expected to be lost or gained.
-fn thin(entries: &mut Vec<(u32, f32)>, columns_max: usize, draw: f32, glows: impl Fn(u32) -> bool) {
+pub(crate) fn thin(
+    entries: &mut Vec<(u32, f32)>,
+    columns_max: usize,
+    draw: f32,
+    glows: impl Fn(u32) -> bool,
+) {
     if entries.len() <= columns_max {
         return;
     }

@@ -77,7 +77,11 @@ impl<'a> RowCaster<'a> {
     /// The row of patch `index` as the rays numbered `run` see it: they go over all of the patch, in the order of its
     /// samples, so that each sample gets a run of its own.
     pub(crate) fn run(&self, index: u32, spread: &Spread, run: Range<u32>) -> RawRow {
-        let source = self.source(index);
+        self.cast(self.source(index), spread, run)
+    }
+
+    /// The same for any patch made of the samples, one of the set or not.
+    pub(crate) fn cast(&self, source: &BakePatch, spread: &Spread, run: Range<u32>) -> RawRow {
         let off_surface_m = RAY_OFFSET * self.parameters.grid.voxel_edge_m;
         let rays = run.len() as u32;
         let share = 1.0 / rays as f32;
@@ -102,7 +106,7 @@ impl<'a> RowCaster<'a> {
     }
 
     /// Whose `hit` at `position` is.
-    fn owners(&self, hit: &Hit, position: Vec3) -> Option<Owners> {
+    pub(crate) fn owners(&self, hit: &Hit, position: Vec3) -> Option<Owners> {
         let normal = self.tracer.tracer().normal(hit);
         let voxel = voxel_of(position, normal, self.parameters.grid.voxel_edge_m);
         self.tracer.note_voxel(voxel);

@@ -7,6 +7,7 @@ use crate::balance::{RowStore, Scaling};
 use crate::builder::{Builder, Surfaces};
 use crate::cells::Cells;
 use crate::content::SceneContent;
+use crate::detail_stage;
 use crate::emit::{Emitter, Parts, occluders};
 use crate::finished_world::{Before, before, remove_unlisted};
 use crate::memory::{self, MemoryLimit};
@@ -207,6 +208,7 @@ impl<'a> Run<'a> {
         let known = Known { source: &source, tracer: &tracer, set: &set, identities, cells, key };
         let rows = tracing::rows(self, &known)?;
         let receivers = tracing::receivers(self, &known)?;
+        detail_stage::trace(self, &known)?;
         let (scaling, balance) = rows.balance(&self.visits(&set), self.progress)?;
         self.summary.balance = balance;
         self.end(Stage::Reciprocity);
@@ -316,7 +318,7 @@ impl<'a> Run<'a> {
             let occluders = occluders(self.scene, known.source.triangles.of(chunk), grid, chunk);
             let (rows, deficits) = rows.balanced(chunk, scaling)?;
             closing.lock().expect("no holder panics").add(&rows, &deficits);
-            let receivers = match air.get(&chunk) {
+            let mut receivers = match air.get(&chunk) {
                 None => Vec::new(),
                 Some(voxels) => {
                     let (_, payload) = self
@@ -329,6 +331,8 @@ impl<'a> Run<'a> {
                     placed(voxels, rows)
                 }
             };
+            receivers.extend(detail_stage::read(self, known, chunk)?);
+            receivers.sort_by_key(|receiver| receiver.place.order());
             if rows.is_empty() && receivers.is_empty() && occluders.triangles.is_empty() {
                 return Ok(None);
             }

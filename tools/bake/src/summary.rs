@@ -55,12 +55,16 @@ pub struct BakeSummary {
     pub patches: u64,
     /// Form factors of level 0.
     pub nonzeros: u64,
-    /// Receivers: rows in empty air.
+    /// Receivers, in empty air and on surfaces.
     pub receivers: u64,
+    /// Of those, on surfaces: rows of detail voxels.
+    pub detail_receivers: u64,
     /// Form factors of receivers.
     pub receiver_nonzeros: u64,
     /// Rays of receivers that were traced in this run.
     pub receiver_rays: u64,
+    /// Rays of detail that were traced in this run, those of emitters towards them included.
+    pub detail_rays: u64,
     /// Chunks of level 0 with a tile.
     pub chunks: u64,
     /// All levels, finest first.

@@ -19,6 +19,7 @@ use crate::words::{Reader, Writer};
 use crate::work_folder::{Kind, Stale, Stamp, WorkFolder};
 use earthshine_tiles::{BakeMethod, PatchBuilder, RowEstimator, SampleSource};
 use earthshine_world::{Direction, Patch, Vec3, VoxelCoord};
+use glam::IVec3;
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -153,7 +154,9 @@ impl SurfaceSource<'_> {
     }
 
     fn samples(&self, chunk: [i32; 3]) -> Vec<SurfaceSample> {
-        let parameters = self.builder.parameters;
+        // Where there is detail, no sample crosses a detail voxel's face, so that areas in it are exact.
+        let parameters = &self.builder.parameters.of_detail_voxels();
+        let detail = IVec3::splat(self.builder.parameters.detail.cast_signed());
         let edge = parameters.grid.chunk_edge_voxels.cast_signed();
         let low = VoxelCoord::from_array(chunk) * edge;
         let within = (low, low + (edge - 1));
@@ -165,7 +168,10 @@ impl SurfaceSource<'_> {
                 let mut samples = Vec::new();
                 for &triangle in triangles {
                     let scene = self.builder.tracer.scene();
-                    sample_triangle(scene, triangle as usize, parameters, within, |s| samples.push(s));
+                    sample_triangle(scene, triangle as usize, parameters, within, |sample| {
+                        let voxel = sample.voxel.div_euclid(detail);
+                        samples.push(SurfaceSample { voxel, ..sample });
+                    });
                 }
                 samples
             })

@@ -129,7 +129,7 @@ pub(crate) fn receivers(run: &mut Run<'_>, known: &Known<'_>) -> Result<Receiver
     Ok(chunks.into_iter().zip(voxels).filter(|(_, voxels)| !voxels.is_empty()).collect())
 }
 
-fn caster<'b>(
+pub(crate) fn caster<'b>(
     run: &'b Run<'_>,
     known: &'b Known<'_>,
     surfaces: &'b ChunkSurfaces<'_>,

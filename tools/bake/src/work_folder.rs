@@ -26,8 +26,12 @@ pub enum Kind {
     Surfaces,
     /// Rows as their own rays see them.
     Rows,
-    /// Receivers' rows.
+    /// Rows of receivers in the air.
     Receivers,
+    /// What emitters see of detail voxels.
+    Emitted,
+    /// Receivers on surfaces.
+    Details,
     /// Rows after both estimates of each pair were averaged. Goes when the world is whole.
     Averages,
     /// What the manifest will say of a finished tile. Goes when the world is whole.
@@ -35,13 +39,23 @@ pub enum Kind {
 }
 
 impl Kind {
-    const ALL: [Self; 5] = [Self::Surfaces, Self::Rows, Self::Receivers, Self::Averages, Self::Tiles];
+    const ALL: [Self; 7] = [
+        Self::Surfaces,
+        Self::Rows,
+        Self::Receivers,
+        Self::Emitted,
+        Self::Details,
+        Self::Averages,
+        Self::Tiles,
+    ];
 
     fn folder(self) -> &'static str {
         match self {
             Self::Surfaces => "surfaces",
             Self::Rows => "rows",
             Self::Receivers => "receivers",
+            Self::Emitted => "emitted",
+            Self::Details => "details",
             Self::Averages => "averages",
             Self::Tiles => "tiles",
         }

@@ -11,7 +11,7 @@ use earthshine_tiles::{
     BakeMethod, BakeParameters, DirStore, PatchBuilder, RowCodec, RowEstimator, SampleSource, TileStore,
     check_receivers, check_rows,
 };
-use earthshine_world::{Chunk, ChunkRows, Grid, LightRig, PatchId, Vec3, VoxelCoord};
+use earthshine_world::{Chunk, ChunkRows, Grid, LightRig, PatchId, ReceiverPlace, Vec3, VoxelCoord};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -25,7 +25,13 @@ fn scene(kind: WorldKind) -> Scene {
 fn options(voxel_edge_m: f32) -> BakeOptions {
     let grid = Grid { voxel_edge_m, chunk_edge_voxels: 4 };
     BakeOptions {
-        parameters: BakeParameters { grid, rays_per_patch: 256, ..BakeParameters::default() },
+        parameters: BakeParameters {
+            grid,
+            rays_per_patch: 256,
+            detail: 2,
+            detail_rays: 64,
+            ..BakeParameters::default()
+        },
         codec: RowCodec::Half,
         scene_name: "generated".to_owned(),
         lights: LightRig::emission_only(),
@@ -308,6 +314,34 @@ fn the_air_of_a_closed_box_sees_its_walls_and_nothing_else() {
     assert!(receivers > 20 && least > 0.98, "{receivers} receivers, {least} of a row glows");
 }
 
+/// Goal: detail is all of a patch and nothing else. Method: every patch has parts, as many as its surface can meet, in
+/// its own voxel; and their mean row is the patch's own, as far as so few rays tell.
+#[test]
+fn detail_voxels_are_parts_of_their_patch() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let summary = bake_with(2, &scene(WorldKind::Furnace), folder.path(), &Silent);
+    assert!(summary.detail_receivers > 2 * summary.patches, "{summary:?}");
+    for chunk in chunks(folder.path()) {
+        for (local, patch) in chunk.patches.iter().enumerate() {
+            let is_part = |(_, place): &(usize, &ReceiverPlace)| {
+                (place.voxel, place.direction) == (patch.voxel, patch.direction)
+            };
+            let parts: Vec<_> = chunk.receivers.places.iter().enumerate().filter(is_part).collect();
+            assert!((1..=8).contains(&parts.len()), "{patch:?} has {} parts", parts.len());
+            for (_, place) in &parts {
+                let part = place.detail.expect("where a patch is, receivers are of its detail");
+                let coord = part.coord(patch.voxel, 2);
+                assert_eq!(coord.div_euclid(VoxelCoord::splat(2)), patch.voxel);
+            }
+            let seen = |rows: &ChunkRows, row: usize| rows.row(row).map(|(_, share)| share).sum::<f32>();
+            let rows = parts.iter().map(|&(row, _)| seen(&chunk.receivers.rows, row));
+            let mean = rows.sum::<f32>() / parts.len() as f32;
+            let own = seen(&chunk.rows, local);
+            assert!((mean - own).abs() < 0.1, "{patch:?} sees {own} of patches, its parts {mean}");
+        }
+    }
+}
+
 /// Goal: solid blocks hold no air. Method: the Cornell box, from voxels small enough that some lie inside of a block.
 #[test]
 fn air_inside_of_a_block_is_left_out() {
@@ -321,7 +355,7 @@ fn air_inside_of_a_block_is_left_out() {
         let voxel: VoxelCoord = options.parameters.grid.voxel_at(place);
         let chunks = chunks(folder.path());
         let places = chunks.iter().flat_map(|chunk| &chunk.receivers.places);
-        places.filter(|place| place.voxel == voxel).count()
+        places.filter(|place| place.voxel == voxel && place.detail.is_none()).count()
     };
     assert_eq!(at(Vec3::new(0.33, 0.75, 0.4)), 6, "over the short block");
     assert_eq!(at(Vec3::new(0.33, 0.3, 0.4)), 0, "inside of it");

@@ -107,9 +107,9 @@ fn points(
         }
         None => own.clone(),
     };
-    let volume = world.volume(&world.solve(&rig))?;
+    let volumes = world.volumes(&world.solve(&rig))?;
     let measured: Vec<Option<Rgb>> =
-        reference.iter().map(|point| volume_light::at(&volume, point.position, point.normal)).collect();
+        reference.iter().map(|point| volume_light::at(&volumes, point.position, point.normal)).collect();
     if let Some(path) = out {
         volume_light::write_csv(path, &reference, &measured)?;
     }

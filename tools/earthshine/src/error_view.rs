@@ -51,7 +51,7 @@ pub(crate) struct ErrorView<'a> {
     pub(crate) source: &'a SceneSource,
     pub(crate) world: &'a WholeWorld,
     pub(crate) light: &'a WholeLight,
-    pub(crate) volume: &'a Volume,
+    pub(crate) volumes: &'a [Volume],
     pub(crate) camera: Pinhole,
     /// Paths a pixel.
     pub(crate) samples: u32,
@@ -106,8 +106,10 @@ impl ErrorView<'_> {
         };
         let reference =
             reference_light::traced(self.tracer, &self.source.lights, &asked, &options, self.quiet);
-        let served: Vec<_> =
-            asked.iter().map(|&(position, normal)| volume_light::at(self.volume, position, normal)).collect();
+        let served: Vec<_> = asked
+            .iter()
+            .map(|&(position, normal)| volume_light::at(self.volumes, position, normal))
+            .collect();
         let errors = compare_points(&reference, &served)?;
         let image = if view == View::Cause {
             self.causes(&places, &reference)?
@@ -168,7 +170,7 @@ impl ErrorView<'_> {
 
     fn causes(&self, places: &[Option<Place>], reference: &[ReferencePoint]) -> anyhow::Result<RgbImage> {
         let explainer =
-            Explainer::new(self.world, self.light, self.volume, self.tracer, &self.source.lights, OPTIONS);
+            Explainer::new(self.world, self.light, self.volumes, self.tracer, &self.source.lights, OPTIONS);
         let bar = counted("causes", "pixels", reference.len() as u64, self.quiet);
         let explained = explainer.explain(reference, &|| bar.inc(1))?;
         bar.finish_and_clear();

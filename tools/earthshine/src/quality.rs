@@ -45,6 +45,16 @@ pub(crate) struct QualityArguments {
     /// Most columns of a receiver's row.
     #[arg(long, default_value_t = 24)]
     receiver_columns: u32,
+    /// Detail voxels along a voxel's edge in which light on surfaces is served: 1 for that of patches alone, 2 or 4. Patches, and
+    /// what they exchange, stay those of voxels.
+    #[arg(long, default_value_t = 1, value_parser = detail)]
+    detail: u32,
+    /// Rays of a detail voxel.
+    #[arg(long, default_value_t = 512)]
+    detail_rays: u32,
+    /// Most columns of a detail voxel's row.
+    #[arg(long, default_value_t = 192)]
+    detail_columns: u32,
     /// Every random number hangs on it.
     #[arg(long, default_value_t = 1)]
     pub(crate) seed: u64,
@@ -94,6 +104,9 @@ impl QualityArguments {
             receiver_reach_voxels: self.receivers,
             receiver_rays: self.receiver_rays,
             receiver_columns: self.receiver_columns,
+            detail: self.detail,
+            detail_rays: self.detail_rays,
+            detail_columns: self.detail_columns,
             method: self.method.method(),
         }
     }
@@ -115,6 +128,15 @@ impl QualityArguments {
 
     pub(crate) fn metals_black(&self) -> bool {
         self.metals == Metals::Black
+    }
+}
+
+fn detail(text: &str) -> Result<u32, String> {
+    match text {
+        "1" => Ok(1),
+        "2" => Ok(2),
+        "4" => Ok(4),
+        _ => Err("detail voxels along a voxel's edge are 1, 2 or 4".to_owned()),
     }
 }
 

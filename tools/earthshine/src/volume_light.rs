@@ -9,9 +9,9 @@ use earthshine_world::{Rgb, Vec3};
 use std::io::Write as _;
 use std::path::Path;
 
-/// Irradiance by the lookup rule, lx; `None` where the volume has none.
-pub(crate) fn at(volume: &Volume, position: Vec3, normal: Vec3) -> Option<Rgb> {
-    lookup(&[volume], position, normal).map(|found| found.irradiance)
+/// Irradiance by the lookup rule, lx; `None` where no volume (finest first) has any.
+pub(crate) fn at(volumes: &[Volume], position: Vec3, normal: Vec3) -> Option<Rgb> {
+    lookup(volumes, position, normal).map(|found| found.irradiance)
 }
 
 /// Points on front faces, uniform by area, that see out: not under a box, not inside a wall.

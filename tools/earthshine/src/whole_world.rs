@@ -118,8 +118,9 @@ impl WholeWorld {
             .collect()
     }
 
-    /// The volume a client would hold if all of the world were resident.
-    pub(crate) fn volume(&self, light: &WholeLight) -> anyhow::Result<Volume> {
+    /// The volumes of this level that a client would hold if all of the world were resident: detail, where the world has
+    /// some, and voxels.
+    pub(crate) fn volumes(&self, light: &WholeLight) -> anyhow::Result<Vec<Volume>> {
         let voxels = || {
             self.chunks.iter().flat_map(|chunk| {
                 let patches = chunk.patches.iter().map(|patch| patch.voxel);
@@ -129,11 +130,11 @@ impl WholeWorld {
         let low = voxels().reduce(IVec3::min).context("the world has no patches")?;
         let high = voxels().reduce(IVec3::max).context("the world has no patches")?;
         let edge = self.grid.voxel_edge_m;
-        let dims = (high - low + 1).as_uvec3();
-        let mut volume = Volume::new(Layout { level: 0, origin: low, dims, voxel_edge_m: edge })?;
+        let layout = Layout { level: 0, origin: low, dims: (high - low + 1).as_uvec3(), voxel_edge_m: edge };
+        let mut volume = Volume::new(layout)?;
         if self.manifest.parameters.method.builder == PatchBuilder::Clustered {
             cluster_light::fill(&mut volume, &self.chunks, light);
-            return Ok(volume);
+            return Ok(vec![volume]);
         }
         for (index, patch) in self.patches().enumerate() {
             let (all, sky) = (light.irradiance[index], light.sky_irradiance[index]);
@@ -141,15 +142,37 @@ impl WholeWorld {
             let plane = plane::encode(patch.plane_offset(edge));
             volume.set_plane(patch.voxel, patch.direction.index(), plane);
         }
+        let mut detail = self.detail_volume(layout)?;
         let exitance = self.exitance(light);
         for chunk in &self.chunks {
             for (place, (all, sky)) in
                 chunk.receivers.places.iter().zip(self.received(chunk, light, &exitance)?)
             {
-                volume.set_receiver(place.voxel, place.direction.index(), all, sky, u8::MAX);
+                let direction = place.direction.index();
+                match (place.detail, &mut detail) {
+                    (Some(part), Some(detail)) => {
+                        let coord = part.coord(place.voxel, self.manifest.parameters.detail);
+                        detail.set_patch(coord, direction, all, sky, u8::MAX);
+                        detail.set_plane(coord, direction, plane::encode(part.plane_offset()));
+                    }
+                    _ => {
+                        volume.set_receiver(place.voxel, direction, all, sky, u8::MAX);
+                    }
+                }
             }
         }
-        Ok(volume)
+        Ok(detail.into_iter().chain([volume]).collect())
+    }
+
+    /// An empty volume of the detail voxels in the voxels of `layout`; `None` where the level has none.
+    fn detail_volume(&self, layout: Layout) -> anyhow::Result<Option<Volume>> {
+        let detail = self.manifest.parameters.detail;
+        if detail == 1 || self.level > 0 {
+            return Ok(None);
+        }
+        let voxel_edge_m = layout.voxel_edge_m / detail as f32;
+        let origin = layout.origin * detail.cast_signed();
+        Ok(Some(Volume::new(Layout { origin, dims: layout.dims * detail, voxel_edge_m, ..layout })?))
     }
 
     /// What leaves each patch, `B = E + rho I`, lm/m2.

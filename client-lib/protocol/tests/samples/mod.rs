@@ -93,6 +93,7 @@ fn hello() -> v1::Hello {
         client_name: "sample 0.1".to_owned(),
         world: Some("town".to_owned()),
         volumes: vec![v1::VolumeWanted { level: 1, dims_max: Some(dims()) }],
+        detail: true,
     }
 }
 

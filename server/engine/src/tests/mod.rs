@@ -3,6 +3,7 @@
 mod air;
 mod backend;
 mod budgets;
+mod detail;
 mod far;
 mod faults;
 mod harness;

@@ -137,7 +137,7 @@ impl RandomWorld {
         });
         let bounds = earthshine_world::Bounds { min: Vec3::splat(-10.0), max: Vec3::splat(100.0) };
         let lights = LightRig::emission_only();
-        let index = WorldIndex { grid: GRID, bounds, chunks: summaries.collect(), lights };
+        let index = WorldIndex { detail: 1, grid: GRID, bounds, chunks: summaries.collect(), lights };
         let occluders =
             chunks.keys().map(|&id| (id, Arc::new(Occluders::build(&OccluderMesh::default())))).collect();
         Self { index, chunks, occluders }
@@ -233,8 +233,8 @@ fn build_receivers(patches: &[Patch], rows: &ChunkRows) -> Receivers {
     let mut places: Vec<(ReceiverPlace, usize)> = Vec::new();
     for (local, patch) in patches.iter().enumerate() {
         let direction = Direction::ALL[patch.direction.index() ^ 1];
-        let place = ReceiverPlace { voxel: patch.voxel, direction };
-        if !taken.contains(&place.order()) {
+        let place = ReceiverPlace::in_air(patch.voxel, direction);
+        if !taken.contains(&(place.voxel.to_array(), place.direction)) {
             places.push((place, local));
         }
     }

@@ -2,7 +2,7 @@
 
 use super::{Decoded, planes};
 use bytemuck::{Pod, Zeroable};
-use earthshine_world::{Direction, ReceiverPlace, VoxelCoord};
+use earthshine_world::{Direction, ReceiverPlace, DetailVoxel, VoxelCoord};
 
 /// Bytes of a place before zstd.
 pub(crate) const RECORD_BYTES: usize = size_of::<ReceiverRecord>();
@@ -13,13 +13,23 @@ const _: () = assert!(RECORD_BYTES == 16, "a receiver's place is 16 bytes before
 #[repr(C)]
 struct ReceiverRecord {
     voxel: [i32; 3],
-    direction: u32,
+    direction: u8,
+    /// 0 in the air, else one more than the index of its detail voxel.
+    detail: u8,
+    plane: u8,
+    zero: u8,
 }
 
 pub(crate) fn encode(places: &[ReceiverPlace]) -> Vec<u8> {
     let records: Vec<_> = places
         .iter()
-        .map(|place| ReceiverRecord { voxel: place.voxel.to_array(), direction: place.direction as u32 })
+        .map(|place| ReceiverRecord {
+            voxel: place.voxel.to_array(),
+            direction: place.direction as u8,
+            detail: place.detail.map_or(0, |detail| detail.index + 1),
+            plane: place.detail.map_or(0, |detail| detail.plane),
+            zero: 0,
+        })
         .collect();
     planes::split(bytemuck::cast_slice(&records), RECORD_BYTES)
 }
@@ -28,11 +38,20 @@ pub(crate) fn decode(raw: &[u8]) -> Decoded<Vec<ReceiverPlace>> {
     let places = planes::join_as::<ReceiverRecord>(raw)
         .into_iter()
         .map(|record| {
-            let direction = u8::try_from(record.direction)
-                .ok()
-                .and_then(Direction::from_index)
-                .ok_or_else(|| format!("a receiver faces direction {}", record.direction))?;
-            Ok(ReceiverPlace { voxel: VoxelCoord::from_array(record.voxel), direction })
+            let ReceiverRecord { voxel, direction, detail, plane, zero } = record;
+            let direction = Direction::from_index(direction)
+                .ok_or_else(|| format!("a receiver faces direction {direction}"))?;
+            let detail = match detail.checked_sub(1) {
+                None if plane == 0 => None,
+                Some(index) if u32::from(index) < DetailVoxel::PER_EDGE_MAX.pow(3) && plane < u8::MAX => {
+                    Some(DetailVoxel { index, plane })
+                }
+                _ => return Err(format!("a receiver is in detail voxel {detail} at {plane}")),
+            };
+            if zero != 0 {
+                return Err(format!("a receiver's last byte is {zero}"));
+            }
+            Ok(ReceiverPlace { voxel: VoxelCoord::from_array(voxel), direction, detail })
         })
         .collect::<Decoded<Vec<_>>>()?;
     crate::structure::check_places(&places)?;

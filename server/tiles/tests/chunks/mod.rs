@@ -10,7 +10,7 @@ use earthshine_tiles::{
 use earthshine_world::random::{Purpose, hash, unit_f32};
 use earthshine_world::{
     Bounds, Chunk, ChunkCoord, ChunkId, ChunkRows, Column, Direction, LightRig, OccluderMesh, Patch,
-    ReceiverPlace, Receivers, SamplePoint, Vec3, VoxelCoord,
+    ReceiverPlace, Receivers, SamplePoint, DetailVoxel, Vec3, VoxelCoord,
 };
 use std::path::Path;
 
@@ -53,7 +53,8 @@ pub(crate) fn random_chunk(seed: u64, patch_count: usize, row_max: usize) -> Chu
     let mut dice = Dice::new(seed);
     let id = ChunkId::new((seed % 3) as u8, ChunkCoord::new(-2, 0, 5));
     let mut points = Vec::new();
-    let patches = (0..patch_count).map(|index| random_patch(index, &mut points, &mut dice)).collect();
+    let patches: Vec<Patch> =
+        (0..patch_count).map(|index| random_patch(index, &mut points, &mut dice)).collect();
     let corners = 3 + dice.below(20);
     let triangle_count = dice.below(30);
     let occluders = OccluderMesh {
@@ -62,18 +63,25 @@ pub(crate) fn random_chunk(seed: u64, patch_count: usize, row_max: usize) -> Chu
         surfaces: (0..triangle_count).map(|_| [(); 4].map(|()| dice.bits() as u8)).collect(),
     };
     let rows = random_rows(id, patch_count, patch_count, row_max, &mut dice);
-    let receivers = random_receivers(id, patch_count, row_max, &mut dice);
+    let receivers = random_receivers(id, &patches, row_max, &mut dice);
     Chunk { id, patches, points, rows, receivers, occluders }
 }
 
-/// Receivers one voxel behind the patches, about as many.
-fn random_receivers(id: ChunkId, patch_count: usize, row_max: usize, dice: &mut Dice) -> Receivers {
+/// Receivers one voxel behind the patches, about as many, and in a detail voxel of every third patch.
+fn random_receivers(id: ChunkId, patches: &[Patch], row_max: usize, dice: &mut Dice) -> Receivers {
+    let patch_count = patches.len();
     let mut places = Vec::new();
+    for patch in patches.iter().step_by(3) {
+        let offset = VoxelCoord::new(dice.below(4) as i32, dice.below(4) as i32, dice.below(4) as i32);
+        let detail = Some(DetailVoxel::new(offset, dice.unit()));
+        places.push(ReceiverPlace { voxel: patch.voxel, direction: patch.direction, detail });
+    }
     for index in 0..patch_count {
         let voxel = VoxelCoord::new(-32 + index as i32 / 9, index as i32 % 9, 81);
         let facing = Direction::ALL.into_iter().filter(|_| dice.below(6) == 0);
-        places.extend(facing.map(|direction| ReceiverPlace { voxel, direction }));
+        places.extend(facing.map(|direction| ReceiverPlace::in_air(voxel, direction)));
     }
+    places.sort_by_key(ReceiverPlace::order);
     let rows = random_rows(id, places.len(), patch_count, row_max, dice);
     Receivers { places, rows }
 }

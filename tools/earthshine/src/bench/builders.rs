@@ -120,7 +120,7 @@ fn figures_of(
         Ok(measured) => {
             let light: Vec<Option<Rgb>> = reference
                 .iter()
-                .map(|point| volume_light::at(&measured.volume, point.position, point.normal))
+                .map(|point| volume_light::at(&measured.volumes, point.position, point.normal))
                 .collect();
             let made = Made {
                 patches: measured.patches,

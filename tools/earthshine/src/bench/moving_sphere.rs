@@ -103,8 +103,8 @@ pub(crate) fn run(arguments: &SphereArguments, json: bool) -> anyhow::Result<()>
     let source = scene_source::load(&arguments.scene, arguments.lights.as_deref(), metals_black)?;
     let way = Way::of(arguments, &source)?;
     let measured = baked(&source, arguments.quality.parameters(&source), json)?;
-    let volume = &measured.volume;
-    let voxel_edge_m = volume.layout().voxel_edge_m;
+    let volumes = &measured.volumes;
+    let voxel_edge_m = measured.world.grid.voxel_edge_m;
     let radius_m = arguments.radius.unwrap_or_else(|| (voxel_edge_m / 8.0).max(0.05));
     let sphere = Sphere { radius_m, points: arguments.sphere_points };
 
@@ -115,7 +115,7 @@ pub(crate) fn run(arguments: &SphereArguments, json: bool) -> anyhow::Result<()>
     let reference = reference(arguments, &source, &places, json)?;
     let reference_seconds = referencing.elapsed().as_secs_f64();
     let lights: Vec<Option<Rgb>> =
-        reference.iter().map(|point| volume_light::at(volume, point.position, point.normal)).collect();
+        reference.iter().map(|point| volume_light::at(volumes, point.position, point.normal)).collect();
     let of_reference: Vec<f32> = reference.iter().map(|point| mean(point.irradiance)).collect();
     let of_volume: Vec<f32> = lights.iter().map(|light| light.map_or(0.0, mean)).collect();
     let black = of_volume.iter().zip(&of_reference).filter(|(light, right)| **light < BLACK_SHARE * **right);
@@ -133,7 +133,7 @@ pub(crate) fn run(arguments: &SphereArguments, json: bool) -> anyhow::Result<()>
         reference_frame_change_max_rel: reference_max,
         frame_change_mean_rel: frame_mean,
         reference_frame_change_mean_rel: reference_mean,
-        step_change_max_rel: largest_step(volume, &way, sphere, arguments.frames),
+        step_change_max_rel: largest_step(volumes, &way, sphere, arguments.frames),
         steps_per_frame: STEPS_PER_FRAME,
         bake_seconds: measured.bake_seconds,
         reference_seconds,
@@ -239,12 +239,12 @@ fn change(before: f32, after: f32) -> f32 {
 }
 
 /// Largest change of any point's light in one step of the way.
-fn largest_step(volume: &Volume, way: &Way, sphere: Sphere, frames: u32) -> f32 {
+fn largest_step(volumes: &[Volume], way: &Way, sphere: Sphere, frames: u32) -> f32 {
     let steps = (frames - 1) * STEPS_PER_FRAME;
     let light = |step: u32| -> Vec<f32> {
         let places = sphere.places(way.at(step as f32 / steps as f32));
         places
-            .map(|(position, normal)| volume_light::at(volume, position, normal).map_or(0.0, mean))
+            .map(|(position, normal)| volume_light::at(volumes, position, normal).map_or(0.0, mean))
             .collect()
     };
     let mut before = light(0);

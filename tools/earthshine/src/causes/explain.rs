@@ -4,14 +4,14 @@ use super::Cause;
 use super::contributions::Contributions;
 use super::gather::{PatchGather, PlaceGather};
 use super::reads::{Read, Unlit};
-use super::scene_light::SceneLight;
+use super::scene_light::{LitPatch, SceneLight};
 use crate::whole_world::{WholeLight, WholeWorld};
 use anyhow::ensure;
 use earthshine_bake::sample::voxel_of;
 use earthshine_render::SceneTracer;
 use earthshine_render::csv::ReferencePoint;
 use earthshine_volume::Volume;
-use earthshine_world::{Direction, LightRig, SamplePoint, Vec3, VoxelCoord};
+use earthshine_world::{Direction, Grid, LightRig, SamplePoint, Vec3, VoxelCoord};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -100,23 +100,25 @@ impl Explained {
 pub(crate) struct Explainer<'a> {
     scene: SceneLight<'a>,
     /// Of surfaces alone: a lookup in the air is no weighted mean.
-    volume: Volume,
+    volumes: Vec<Volume>,
     options: ExplainOptions,
 }
 
-type PatchKey = ([i32; 3], usize);
+/// Which volume, voxel and direction.
+type ReadKey = (usize, [i32; 3], usize);
 
 impl<'a> Explainer<'a> {
-    /// `volume` is the light that was served, made of `light`.
+    /// `volumes` are the light that was served, made of `light`.
     pub(crate) fn new(
         world: &'a WholeWorld,
         light: &'a WholeLight,
-        volume: &Volume,
+        volumes: &[Volume],
         tracer: &'a SceneTracer<'a>,
         rig: &'a LightRig,
         options: ExplainOptions,
     ) -> Self {
-        Self { scene: SceneLight::new(world, light, tracer, rig), volume: volume.without_air(), options }
+        let volumes = volumes.iter().map(Volume::without_air).collect();
+        Self { scene: SceneLight::new(world, light, tracer, rig), volumes, options }
     }
 
     /// Explains every point that has light. `finished` is called once a point, from any thread.
@@ -128,16 +130,15 @@ impl<'a> Explainer<'a> {
         points: &[ReferencePoint],
         finished: &(dyn Fn() + Sync),
     ) -> anyhow::Result<Vec<Explained>> {
-        let unlit = Unlit::new(&self.volume);
+        let unlit = Unlit::new(&self.volumes);
         let reads: Vec<Option<Vec<Read>>> = points
             .par_iter()
             .map_init(|| unlit.clone(), |unlit, point| unlit.reads(point.position, point.normal))
             .collect();
-        let mut asked: Vec<PatchKey> =
-            reads.iter().flatten().flatten().map(|read| (read.voxel.to_array(), read.direction)).collect();
+        let mut asked: Vec<ReadKey> = reads.iter().flatten().flatten().map(Read::key).collect();
         asked.sort_unstable();
         asked.dedup();
-        let gathers: BTreeMap<PatchKey, PatchGather> =
+        let gathers: BTreeMap<ReadKey, PatchGather> =
             asked.into_par_iter().map(|key| (key, self.gather(key))).collect();
         let explained: Vec<Option<Explained>> = points
             .par_iter()
@@ -153,20 +154,39 @@ impl<'a> Explainer<'a> {
         Ok(explained.into_iter().flatten().collect())
     }
 
-    fn gather(&self, (voxel, direction): PatchKey) -> PatchGather {
+    fn gather(&self, (volume, voxel, direction): ReadKey) -> PatchGather {
+        let parameters = &self.scene.parameters;
         let voxel = VoxelCoord::from(voxel);
-        let rays = self
-            .scene
-            .parameters
-            .rays_per_patch
-            .clamp(PATCH_RAYS_MIN.min(self.options.patch_rays_max), self.options.patch_rays_max);
-        if let Some(lit) = self.scene.patch(voxel, direction) {
-            return self.scene.gather_patch(lit.points, rays);
+        let edge = self.volumes[volume].layout().voxel_edge_m;
+        let grid = Grid { voxel_edge_m: edge, ..parameters.grid };
+        let is_detail = edge < parameters.grid.voxel_edge_m;
+        let row_rays = if is_detail { parameters.detail_rays } else { parameters.rays_per_patch };
+        let rays =
+            row_rays.clamp(PATCH_RAYS_MIN.min(self.options.patch_rays_max), self.options.patch_rays_max);
+        let centre = grid.voxel_centre(voxel);
+        let gathered = |points: &[SamplePoint]| self.scene.gather_patch(points, rays, row_rays);
+        let Some(lit) = self.patch(volume, voxel, direction) else {
+            // Light without a patch is a receiver's: it stands at the centre of its voxel.
+            let normal = Direction::ALL[direction].vector();
+            return gathered(&[SamplePoint { position: centre, normal }]);
+        };
+        // Of the patch's points those in the detail voxel, or the nearest.
+        let is_inside = |point: &&SamplePoint| voxel_of(point.position, point.normal, edge) == voxel;
+        let inside: Vec<SamplePoint> = lit.points.iter().filter(is_inside).copied().collect();
+        let distance = |point: &SamplePoint| point.position.distance_squared(centre);
+        let nearest = || lit.points.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        match (is_detail, inside.is_empty()) {
+            (false, _) => gathered(lit.points),
+            (true, false) => gathered(&inside),
+            (true, true) => gathered(nearest().map_or(&[], std::slice::from_ref)),
         }
-        // Light without a patch is a receiver's: it stands at the centre of its voxel.
-        let centre = self.scene.parameters.grid.voxel_centre(voxel);
-        let normal = Direction::ALL[direction].vector();
-        self.scene.gather_patch(&[SamplePoint { position: centre, normal }], rays)
+    }
+
+    /// The patch that voxel `voxel` of volume `volume` is of: its own, or the one that it is a part of.
+    fn patch(&self, volume: usize, voxel: VoxelCoord, direction: usize) -> Option<&LitPatch<'a>> {
+        let details = self.scene.voxel_edge_m() / self.volumes[volume].layout().voxel_edge_m;
+        let whole = voxel.div_euclid(VoxelCoord::splat(details.round().max(1.0) as i32));
+        self.scene.patch(whole, direction)
     }
 
     fn point(
@@ -174,14 +194,15 @@ impl<'a> Explainer<'a> {
         index: usize,
         point: &ReferencePoint,
         reads: &[Read],
-        gathers: &BTreeMap<PatchKey, PatchGather>,
+        gathers: &BTreeMap<ReadKey, PatchGather>,
     ) -> anyhow::Result<Explained> {
         let mean = |light: Vec3| f64::from(light.element_sum()) / 3.0;
         let solved = |read: &Read| {
-            let light = self.volume.at(read.voxel).map(|light| light.irradiance[read.direction]);
+            let light =
+                self.volumes[read.volume].at(read.voxel).map(|light| light.irradiance[read.direction]);
             mean(light.unwrap_or(Vec3::ZERO))
         };
-        let served = crate::volume_light::at(&self.volume, point.position, point.normal).map_or(0.0, mean);
+        let served = crate::volume_light::at(&self.volumes, point.position, point.normal).map_or(0.0, mean);
         let summed: f64 = reads.iter().map(|read| f64::from(read.weight) * solved(read)).sum();
         ensure!(
             (summed - served).abs() <= 1e-3 * served.abs().max(1e-6),
@@ -191,10 +212,10 @@ impl<'a> Explainer<'a> {
         let seen = self.scene.gather_place(point.position, point.normal, self.options.point_rays);
         let mut sum = PointSum::new(self, point, seen.light);
         for read in reads {
-            let key = (read.voxel.to_array(), read.direction);
             let fallback = fallback_share(reads, read.direction, point.normal);
-            if let Some(gather) = gathers.get(&key) {
-                sum.add(read, solved(read), gather, fallback);
+            if let Some(gather) = gathers.get(&read.key()) {
+                let patch = self.patch(read.volume, read.voxel, read.direction);
+                sum.add(read, patch, solved(read), gather, fallback);
             }
         }
         let reference = mean(point.irradiance);
@@ -247,10 +268,16 @@ impl<'e> PointSum<'e> {
         }
     }
 
-    fn add(&mut self, read: &Read, solved: f64, gather: &PatchGather, fallback: f64) {
+    fn add(
+        &mut self,
+        read: &Read,
+        patch: Option<&LitPatch<'_>>,
+        solved: f64,
+        gather: &PatchGather,
+        fallback: f64,
+    ) {
         let weight = f64::from(read.weight);
         let edge = self.scene.voxel_edge_m();
-        let patch = self.scene.patch(read.voxel, read.direction);
         let is_small = patch.is_some_and(|lit| lit.patch.area < SMALL_AREA_SHARE * edge * edge);
         self.evidence.reads += 1;
         self.evidence.fallback_share += weight * fallback;

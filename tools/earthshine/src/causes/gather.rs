@@ -77,8 +77,8 @@ impl SceneLight<'_> {
         move |index| spread_pair(index, u, v)
     }
 
-    /// Gathers at the points of one patch, `rays` in each of [`BLOCKS`] runs. The noise is scaled to the bake's rays.
-    pub(crate) fn gather_patch(&self, points: &[SamplePoint], rays: u32) -> PatchGather {
+    /// Gathers at the points of one patch, `rays` in each of [`BLOCKS`] runs. The noise is scaled to `row_rays`.
+    pub(crate) fn gather_patch(&self, points: &[SamplePoint], rays: u32, row_rays: u32) -> PatchGather {
         let Some(first) = points.first() else {
             return PatchGather { points: Vec::new(), light: 0.0, row_noise: 0.0 };
         };
@@ -108,7 +108,7 @@ impl SceneLight<'_> {
             light: sum / f64::from(rays_in_all),
             is_hidden: near as f32 > NEAR_SHARE * rays_in_all || back as f32 > BACK_SHARE * rays_in_all,
         });
-        let scale = f64::from(rays_a_point * count) / f64::from(self.parameters.rays_per_patch.max(1));
+        let scale = f64::from(rays_a_point * count) / f64::from(row_rays.max(1));
         PatchGather { points: lights.collect(), light, row_noise: deviation * scale.sqrt() }
     }
 

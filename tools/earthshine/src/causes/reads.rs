@@ -15,7 +15,9 @@ const WEIGHT_MIN: f32 = 1e-5;
 /// One patch (or receiver) that a lookup reads.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Read {
-    /// Where.
+    /// Of which of the volumes.
+    pub volume: usize,
+    /// Where in it.
     pub voxel: VoxelCoord,
     /// 0..6.
     pub direction: usize,
@@ -23,61 +25,70 @@ pub(crate) struct Read {
     pub weight: f32,
 }
 
-/// A volume with the patches of another and no light.
-#[derive(Debug, Clone)]
-pub(crate) struct Unlit {
-    volume: Volume,
+impl Read {
+    /// Volume, voxel and direction.
+    pub(crate) fn key(&self) -> (usize, [i32; 3], usize) {
+        (self.volume, self.voxel.to_array(), self.direction)
+    }
 }
 
+/// Volumes with the patches of others and no light.
+#[derive(Debug, Clone)]
+pub(crate) struct Unlit {
+    volumes: Vec<Volume>,
+}
+
+/// Which volume, voxel and direction.
+type Asked = (usize, VoxelCoord, usize);
+
 impl Unlit {
-    /// Puts out the light of `volume`.
-    pub(crate) fn new(volume: &Volume) -> Self {
-        let mut unlit = volume.clone();
-        for index in 0..volume.layout().voxel_count() {
-            if let Some(mut light) = volume.get(index).copied() {
-                light.irradiance = [Vec3::ZERO; 6];
-                light.sky_irradiance = [Vec3::ZERO; 6];
-                unlit.set(index, &light);
+    /// Puts out the light of `volumes`, finest first.
+    pub(crate) fn new(volumes: &[Volume]) -> Self {
+        let unlit = |volume: &Volume| {
+            let mut unlit = volume.clone();
+            for index in 0..volume.layout().voxel_count() {
+                if let Some(mut light) = volume.get(index).copied() {
+                    light.irradiance = [Vec3::ZERO; 6];
+                    light.sky_irradiance = [Vec3::ZERO; 6];
+                    unlit.set(index, &light);
+                }
             }
-        }
-        Self { volume: unlit }
+            unlit
+        };
+        Self { volumes: volumes.iter().map(unlit).collect() }
     }
 
     /// What a lookup at `position` with `normal` reads; `None` where it has no answer.
     pub(crate) fn reads(&mut self, position: Vec3, normal: Vec3) -> Option<Vec<Read>> {
-        lookup(&[&self.volume], position, normal)?;
-        let edge = self.volume.layout().voxel_edge_m;
-        let centre = Grid { voxel_edge_m: edge, chunk_edge_voxels: 1 }.voxel_at(position);
+        lookup(&self.volumes, position, normal)?;
         let mut near = Vec::new();
-        let reach = -REACH_VOXELS..=REACH_VOXELS;
-        for (x, y, z) in reach.clone().flat_map(|x| {
-            let reach = reach.clone();
-            reach.clone().flat_map(move |y| reach.clone().map(move |z| (x, y, z)))
-        }) {
-            let voxel = centre + IVec3::new(x, y, z);
-            let Some(light) = self.volume.at(voxel) else { continue };
-            near.extend((0..6).filter(|&direction| light.has(direction)).map(|direction| (voxel, direction)));
+        for (number, volume) in self.volumes.iter().enumerate() {
+            for voxel in around(volume, position) {
+                let Some(light) = volume.at(voxel) else { continue };
+                let lit = (0..6).filter(|&direction| light.has(direction));
+                near.extend(lit.map(|direction| (number, voxel, direction)));
+            }
         }
         let mut found = Vec::new();
         // Six at once: three channels of all light, three of the sky's part.
         for asked in near.chunks(6) {
             let answer = self.answer(asked, position, normal)?;
-            for (&(voxel, direction), weight) in asked.iter().zip(answer) {
+            for (&(volume, voxel, direction), weight) in asked.iter().zip(answer) {
                 if weight > WEIGHT_MIN {
-                    found.push(Read { voxel, direction, weight });
+                    found.push(Read { volume, voxel, direction, weight });
                 }
             }
         }
         Some(found)
     }
 
-    fn answer(&mut self, asked: &[(VoxelCoord, usize)], position: Vec3, normal: Vec3) -> Option<[f32; 6]> {
-        for (index, &(voxel, direction)) in asked.iter().enumerate() {
-            self.light(voxel, direction, Some(index));
+    fn answer(&mut self, asked: &[Asked], position: Vec3, normal: Vec3) -> Option<[f32; 6]> {
+        for (index, &asked) in asked.iter().enumerate() {
+            self.light(asked, Some(index));
         }
-        let answer = lookup(&[&self.volume], position, normal);
-        for &(voxel, direction) in asked {
-            self.light(voxel, direction, None);
+        let answer = lookup(&self.volumes, position, normal);
+        for &asked in asked {
+            self.light(asked, None);
         }
         let found = answer?;
         let [a, b, c] = found.irradiance.to_array();
@@ -86,15 +97,24 @@ impl Unlit {
     }
 
     /// Puts unit light of kind `index` on one patch, or puts it out.
-    fn light(&mut self, voxel: VoxelCoord, direction: usize, index: Option<usize>) {
-        let Some(&VoxelLight { quality, plane, .. }) = self.volume.at(voxel) else { return };
+    fn light(&mut self, (volume, voxel, direction): Asked, index: Option<usize>) {
+        let volume = &mut self.volumes[volume];
+        let Some(&VoxelLight { quality, plane, .. }) = volume.at(voxel) else { return };
         let unit = |first: usize| match index {
             Some(index) if (first..first + 3).contains(&index) => Vec3::AXES[index - first],
             _ => Vec3::ZERO,
         };
-        self.volume.set_patch(voxel, direction, unit(0), unit(3), quality[direction]);
-        self.volume.set_plane(voxel, direction, plane[direction]);
+        volume.set_patch(voxel, direction, unit(0), unit(3), quality[direction]);
+        volume.set_plane(voxel, direction, plane[direction]);
     }
+}
+
+/// Voxels within reach of `position`.
+fn around(volume: &Volume, position: Vec3) -> impl Iterator<Item = VoxelCoord> {
+    let edge = volume.layout().voxel_edge_m;
+    let centre = Grid { voxel_edge_m: edge, chunk_edge_voxels: 1 }.voxel_at(position);
+    let reach = || -REACH_VOXELS..=REACH_VOXELS;
+    reach().flat_map(move |x| reach().flat_map(move |y| reach().map(move |z| centre + IVec3::new(x, y, z))))
 }
 
 #[cfg(test)]
@@ -124,7 +144,7 @@ mod tests {
     #[test]
     fn weights_times_light_are_what_the_lookup_answers() {
         let volume = volume();
-        let mut unlit = Unlit::new(&volume);
+        let mut unlit = Unlit::new(std::slice::from_ref(&volume));
         let mut answered = 0;
         for index in 0..200 {
             let number = |k: u64| unit_f32(hash(5, Purpose::Simulation, index, k));

@@ -90,7 +90,7 @@ fn explained(
     earthshine_bake::bake(scene, folder.path(), &options, &Silent).unwrap();
     let world = WholeWorld::load(folder.path()).unwrap();
     let light = world.solve(&rig);
-    let volume = world.volume(&light).unwrap();
+    let volumes = world.volumes(&light).unwrap();
     let tracer = SceneTracer::new(scene);
     let exact = ReferenceOptions { samples_max: 8192, target_error_rel: 0.0, ..ReferenceOptions::default() };
     let traced = irradiance_at_points(&tracer, &rig, places, &exact, &|| ());
@@ -107,9 +107,9 @@ fn explained(
         .collect();
     let served: Vec<_> = places
         .iter()
-        .map(|&place| point(place, volume_light::at(&volume, place.0, place.1).unwrap(), Rgb::ZERO))
+        .map(|&place| point(place, volume_light::at(&volumes, place.0, place.1).unwrap(), Rgb::ZERO))
         .collect();
-    let explainer = Explainer::new(&world, &light, &volume, &tracer, &rig, ExplainOptions::default());
+    let explainer = Explainer::new(&world, &light, &volumes, &tracer, &rig, ExplainOptions::default());
     let explained = explainer.explain(if identical { &served } else { &reference }, &|| ()).unwrap();
     assert_eq!(explained.len(), places.len());
     for point in &explained {

@@ -52,8 +52,9 @@ pub(crate) fn chunk(store: &DirStore, id: ChunkId, json: bool) -> anyhow::Result
     );
     let receivers = &chunk.receivers;
     out!(
-        "{} receivers in the air of {} voxels, {:.0} form factors each",
+        "{} receivers ({} of them of surfaces, in detail voxels) in {} voxels, {:.0} form factors each",
         receivers.places.len(),
+        receivers.places.iter().filter(|place| place.detail.is_some()).count(),
         receivers.places.chunk_by(|a, b| a.voxel == b.voxel).count(),
         receivers.rows.columns.len() as f64 / receivers.places.len().max(1) as f64
     );

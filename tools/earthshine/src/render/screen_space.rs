@@ -76,8 +76,8 @@ pub(super) fn served(task: &Task<'_>, folder: &Path) -> anyhow::Result<()> {
     let options = options(task, world.manifest.parameters.grid.voxel_edge_m);
     options.validate()?;
     let rig = &task.source.lights;
-    let volume = world.volume(&world.solve(rig))?;
-    let lookup = |position, normal| volume_light::at(&volume, position, normal);
+    let volumes = world.volumes(&world.solve(rig))?;
+    let lookup = |position, normal| volume_light::at(&volumes, position, normal);
     let bar = counted("refine", "pixels", screen_space::work_pixels(&options.camera), task.arguments.json);
     let advance = |pixels| bar.inc(pixels);
     let light = screen_space::served(task.tracer, rig, &options, &lookup, &advance)?;

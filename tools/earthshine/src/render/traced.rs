@@ -26,14 +26,14 @@ pub(super) fn served(task: &Task<'_>, folder: &Path) -> anyhow::Result<()> {
     let arguments = task.arguments;
     let world = WholeWorld::load(folder)?;
     let light = world.solve(&task.source.lights);
-    let volume = world.volume(&light)?;
+    let volumes = world.volumes(&light)?;
     if arguments.shown != View::Light {
         let view = ErrorView {
             tracer: task.tracer,
             source: task.source,
             world: &world,
             light: &light,
-            volume: &volume,
+            volumes: &volumes,
             camera: task.options.camera,
             samples: arguments.samples,
             seed: arguments.seed,
@@ -41,7 +41,7 @@ pub(super) fn served(task: &Task<'_>, folder: &Path) -> anyhow::Result<()> {
         };
         return view.write(arguments.shown, &arguments.out, arguments.json);
     }
-    let lookup = |position, normal| volume_light::at(&volume, position, normal);
+    let lookup = |position, normal| volume_light::at(&volumes, position, normal);
     let service = task.lookup_layers("served", LightSource::Lookup(&lookup))?;
     let reference = task.reference()?;
     let exposure = arguments.exposure.unwrap_or_else(|| image_file::key_exposure(&reference.full));

@@ -14,7 +14,7 @@ use std::time::Instant;
 pub(in crate::bench) struct Measured {
     pub(in crate::bench) world: WholeWorld,
     pub(in crate::bench) light: WholeLight,
-    pub(in crate::bench) volume: Volume,
+    pub(in crate::bench) volumes: Vec<Volume>,
     pub(in crate::bench) patches: u64,
     pub(in crate::bench) world_bytes: u64,
     /// Absent for a world that was there.
@@ -27,7 +27,7 @@ impl Measured {
     fn solve(world: WholeWorld, source: &SceneSource, bake_seconds: Option<f64>) -> anyhow::Result<Self> {
         let solving = Instant::now();
         let light = world.solve(&source.lights);
-        let volume = world.volume(&light)?;
+        let volumes = world.volumes(&light)?;
         let solve_seconds = solving.elapsed().as_secs_f64();
         let chunks = &world.manifest.chunks;
         let patches = world.patches().count() as u64;
@@ -42,7 +42,7 @@ impl Measured {
         Ok(Self {
             world,
             light,
-            volume,
+            volumes,
             patches,
             world_bytes,
             bake_seconds,

@@ -181,7 +181,7 @@ fn compared(
 ) -> anyhow::Result<(Vec<Option<earthshine_world::Rgb>>, Figures)> {
     let light: Vec<_> = reference
         .iter()
-        .map(|point| volume_light::at(&measured.volume, point.position, point.normal))
+        .map(|point| volume_light::at(&measured.volumes, point.position, point.normal))
         .collect();
     let errors = compare_points(reference, &light)?;
     let covered = || reference.iter().zip(&light).filter(|(_, light)| light.is_some());
@@ -213,8 +213,8 @@ fn explained(
 ) -> anyhow::Result<Vec<causes::Explained>> {
     let tracer = SceneTracer::new(&source.scene);
     let options = ExplainOptions::default();
-    let Measured { world, light, volume, .. } = measured;
-    let explainer = Explainer::new(world, light, volume, &tracer, &source.lights, options);
+    let Measured { world, light, volumes, .. } = measured;
+    let explainer = Explainer::new(world, light, volumes, &tracer, &source.lights, options);
     let bar = counted("causes", "points", reference.len() as u64, quiet);
     let explained = explainer.explain(reference, &|| bar.inc(1))?;
     bar.finish_and_clear();

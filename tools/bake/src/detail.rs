@@ -1,0 +1,158 @@
+//! Detail: receivers on surfaces, in parts of voxels.
+//!
+//! Each voxel is cut in detail voxels, half or a quarter of its edge. What faces one direction in a detail voxel, of the
+//! samples that the voxel's patch consists of, gets a row of its own, with patches for columns. It only receives: what
+//! patches exchange stays as it is, so that detail costs neither slots nor bounces. Light is read where it falls, not as
+//! a voxel's mean.
+//!
+//! Few rays find a lamp by chance. So patches that emit cast theirs towards detail voxels too ([`crate::emitted`]), and
+//! both estimates are averaged by what they vary (`with_emitters`). Long rows are thinned as those in the air are.
+
+use crate::emitted::FromEmitter;
+use crate::estimator::emits;
+use crate::patches::{BakePatch, PatchSet};
+use crate::receivers::{BakeReceiver, thin};
+use crate::rows::{RawRow, RowCaster};
+use crate::sample::{SurfaceSample, voxel_of};
+use crate::spread::Spread;
+use earthshine_tiles::BakeParameters;
+use earthshine_world::random::{Purpose, hash, unit_f32};
+use earthshine_world::{DetailVoxel, Direction, ReceiverPlace, VoxelCoord};
+use glam::IVec3;
+use rayon::prelude::*;
+
+/// The detail voxel that a place on a surface belongs to, in the grid of detail voxels: one of `voxel`, even if the place
+/// lies a hair outside of it.
+pub(crate) fn detail_voxel_of(
+    voxel: VoxelCoord,
+    position: earthshine_world::Vec3,
+    normal: earthshine_world::Vec3,
+    parameters: &BakeParameters,
+) -> VoxelCoord {
+    let detail = parameters.detail.cast_signed();
+    let low = voxel * detail;
+    let at = voxel_of(position, normal, parameters.grid.voxel_edge_m / detail as f32);
+    at.clamp(low, low + detail - 1)
+}
+
+/// A number of a direction in a detail voxel within its chunk.
+pub(crate) fn detail_id(at: VoxelCoord, direction: Direction, parameters: &BakeParameters) -> u32 {
+    let edge = (parameters.grid.chunk_edge_voxels * parameters.detail).cast_signed();
+    let at = at.rem_euclid(IVec3::splat(edge));
+    (((at.x * edge + at.y) * edge + at.z) * 6).cast_unsigned() + direction.index() as u32
+}
+
+/// Traces the detail of one chunk.
+#[derive(Debug)]
+pub struct DetailBake<'a> {
+    /// Casts rays that begin on the chunk's surfaces and end on patches.
+    pub caster: RowCaster<'a>,
+    /// Rays of an emitter towards detail voxels.
+    pub emitter_rays: u32,
+}
+
+impl DetailBake<'_> {
+    /// The receivers of the chunk's surfaces, ascending by place, and how many rays that took. `emitted` is what patches
+    /// that emit see of them, ascending by detail voxel, then patch.
+    pub(crate) fn receivers(&self, chunk: [i32; 3], emitted: &[FromEmitter]) -> (Vec<BakeReceiver>, u64) {
+        let (samples, parts) = self.parts(chunk);
+        let caster = RowCaster { samples: &samples, ..self.caster };
+        let rows: Vec<RawRow> = parts
+            .patches
+            .par_iter()
+            .map(|part| {
+                let id = detail_id(part.patch.voxel, part.patch.direction, self.caster.parameters);
+                let first = emitted.partition_point(|from| from.detail < id);
+                let of_part = &emitted[first..];
+                let end = of_part.partition_point(|from| from.detail == id);
+                self.row(&caster, part, &of_part[..end])
+            })
+            .collect();
+        let cast = rows.len() as u64 * u64::from(self.caster.parameters.detail_rays);
+        (self.placed(&parts.patches, rows), cast)
+    }
+
+    /// The chunk's samples, and what they make up in each of its detail voxels.
+    fn parts(&self, chunk: [i32; 3]) -> (Vec<SurfaceSample>, PatchSet) {
+        let parameters = self.caster.parameters;
+        let is_own = |sample: &&SurfaceSample| parameters.grid.chunk_of(sample.voxel).to_array() == chunk;
+        let in_detail = |sample: &SurfaceSample| {
+            let voxel = detail_voxel_of(sample.voxel, sample.position, sample.normal, parameters);
+            SurfaceSample { voxel, ..*sample }
+        };
+        let samples: Vec<SurfaceSample> = self.caster.samples.iter().filter(is_own).map(in_detail).collect();
+        let parts = PatchSet::group(&samples, &parameters.of_detail_voxels());
+        (samples, parts)
+    }
+
+    /// The row of `part`: other random numbers than those of the patch with the same coordinates.
+    fn row(&self, caster: &RowCaster<'_>, part: &BakePatch, emitted: &[FromEmitter]) -> RawRow {
+        let BakeParameters { seed, detail_rays, detail_columns, method, .. } = *caster.parameters;
+        let spread = Spread::new(method.spread, detail_rays, seed, !part.key);
+        let mut row = caster.cast(part, &spread, 0..detail_rays);
+        self.with_emitters(&mut row, part.patch.area, emitted);
+        let draw = unit_f32(hash(seed, Purpose::ReceiverRay, !part.key, 0));
+        thin(&mut row.entries, detail_columns as usize, draw, |patch| emits(caster.set, patch as usize));
+        row
+    }
+
+    /// Averages what the row of a part of `area` m2 says of emitters with what they say of it, and scales the rest so that
+    /// the sum stays. A share `F` found by `n` rays has the variance `F / n`; one found from the other side by `N` rays
+    /// and turned round has `F (A_emitter / A_part) / N`: the weights are `n` and `N A_part / A_emitter`.
+    fn with_emitters(&self, row: &mut RawRow, area: f32, emitted: &[FromEmitter]) {
+        let is_emitter = |entry: &(u32, f32)| emits(self.caster.set, entry.0 as usize);
+        let own: Vec<(u32, f32)> = row.entries.iter().copied().filter(is_emitter).collect();
+        if own.is_empty() && emitted.is_empty() {
+            return;
+        }
+        let mut merged = RawRow::default();
+        merged
+            .entries
+            .extend(own.iter().map(|&(patch, share)| (patch, share * self.own_weight(area, patch))));
+        merged.entries.extend(emitted.iter().map(|from| {
+            let share = from.share * self.area(from.patch) / area;
+            (from.patch, share * (1.0 - self.own_weight(area, from.patch)))
+        }));
+        merged.merge();
+        let sum = |entries: &[(u32, f32)]| entries.iter().map(|entry| entry.1).sum::<f32>();
+        let (before, after) = (sum(&own).min(1.0), sum(&merged.entries));
+        merged.scale(1.0 / after.max(1.0));
+        let rest = (1.0 - after.min(1.0)) / (1.0 - before).max(f32::MIN_POSITIVE);
+        row.entries.retain(|entry| !is_emitter(entry));
+        row.scale(if before < 1.0 { rest } else { 0.0 });
+        row.absorbed += if before < 1.0 { 0.0 } else { 1.0 - after.min(1.0) };
+        row.entries.extend(merged.entries);
+        row.merge();
+    }
+
+    /// How much the own rays of a part count beside those of emitter `patch`.
+    fn own_weight(&self, area: f32, patch: u32) -> f32 {
+        let own = self.caster.parameters.detail_rays as f32;
+        let theirs = self.emitter_rays as f32 * area / self.area(patch);
+        own / (own + theirs)
+    }
+
+    fn area(&self, patch: u32) -> f32 {
+        self.caster.set.patches[patch as usize].patch.area
+    }
+
+    /// Parts of patches that there are, with their places.
+    fn placed(&self, parts: &[BakePatch], rows: Vec<RawRow>) -> Vec<BakeReceiver> {
+        let parameters = self.caster.parameters;
+        let detail = parameters.detail.cast_signed();
+        let edge_m = parameters.grid.voxel_edge_m / detail as f32;
+        let place = |part: &BakePatch| {
+            let coord: VoxelCoord = part.patch.voxel;
+            let voxel = coord.div_euclid(IVec3::splat(detail));
+            let in_voxel = DetailVoxel::new(coord - voxel * detail, part.patch.plane_offset(edge_m));
+            ReceiverPlace { voxel, direction: part.patch.direction, detail: Some(in_voxel) }
+        };
+        let has_patch = |place: &ReceiverPlace| {
+            self.caster.set.of_voxel(place.voxel)[place.direction.index()] != PatchSet::NONE
+        };
+        let placed = parts.iter().zip(rows).map(|(part, row)| BakeReceiver { place: place(part), row });
+        let mut placed: Vec<BakeReceiver> = placed.filter(|receiver| has_patch(&receiver.place)).collect();
+        placed.sort_by_key(|receiver| receiver.place.order());
+        placed
+    }
+}

@@ -1,0 +1,206 @@
+//! What patches that emit see of detail voxels: the other estimate of the light that lamps send there.
+//!
+//! One file a chunk with emitters, in parts that the chunks their rays end in can read on their own:
+//!
+//! │ sections │ section: chunk 3 x i32, entries u32 │ entry: emitter u32, detail voxel u32, share f32 │
+//!
+//! Sections ascend by chunk, entries by emitter (its [`PatchSet::stable_id`]), then detail voxel ([`detail_id`]). A share
+//! is one of the emitter's rays.
+
+use crate::BakeError;
+use crate::cells::{Eye, Seen};
+use crate::detail::{detail_id, detail_voxel_of};
+use crate::estimator::{emits, emitter_factor};
+use crate::patches::PatchSet;
+use crate::rows::{RAY_OFFSET, RowCaster};
+use crate::sample::{side_weights, voxel_of};
+use crate::shard::{for_all, visits};
+use crate::spread::Spread;
+use crate::stages::{Known, Run};
+use crate::tracing::caster;
+use crate::words::{Reader, Writer};
+use crate::work_folder::{Kind, Stamp};
+use earthshine_tiles::{BakeMethod, BakeParameters};
+use earthshine_trace::hemisphere::cosine_direction;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::ops::Range;
+use xxhash_rust::xxh3::{Xxh3Default, xxh3_64};
+
+const SECTION_BYTES: u64 = 16;
+const ENTRY_BYTES: u64 = 12;
+
+/// A share of an emitter's rays that ends in one detail voxel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct FromEmitter {
+    /// See [`detail_id`].
+    pub(crate) detail: u32,
+    pub(crate) patch: u32,
+    pub(crate) share: f32,
+}
+
+/// The files of all chunks with emitters.
+#[derive(Debug, Default)]
+pub(crate) struct EmittedFiles {
+    files: BTreeMap<[i32; 3], FileIndex>,
+    /// By chunk where rays end: the chunks that they come from.
+    leading_to: BTreeMap<[i32; 3], Vec<[i32; 3]>>,
+}
+
+/// Where the parts of a file are.
+#[derive(Debug, Default)]
+struct FileIndex {
+    /// Cells in its stamp.
+    seen: usize,
+    sections: BTreeMap<[i32; 3], Range<u64>>,
+}
+
+/// How many rays an emitter casts towards detail voxels: as many as for its own row.
+pub(crate) fn emitter_rays(set: &PatchSet, parameters: &BakeParameters) -> u32 {
+    parameters.rays_per_patch.saturating_mul(emitter_factor(set, parameters)).min(BakeMethod::RAYS_MAX)
+}
+
+impl EmittedFiles {
+    /// Traces the emitters of all chunks, or finds what they see in the work folder; and how many rays that took.
+    pub(crate) fn trace(run: &Run<'_>, known: &Known<'_>) -> Result<(Self, u64), BakeError> {
+        let set = known.set;
+        let rays = emitter_rays(set, run.parameters());
+        let has_emitters = |range: &Range<u32>| range.clone().any(|patch| emits(set, patch as usize));
+        let chunks: Vec<[i32; 3]> =
+            set.chunks.iter().filter(|(_, range)| has_emitters(range)).map(|(&chunk, _)| chunk).collect();
+        let key = xxh3_64(bytemuck::bytes_of(&[known.key, u64::from(rays)]));
+        let done = for_all(&visits(run.options.shard, &chunks), |number| {
+            let chunk = chunks[number];
+            let now = Stamp { key, own: known.identities[&chunk], ..Stamp::default() };
+            if let Some((stamp, payload)) = run.files.work.read(Kind::Emitted, 0, chunk)
+                && stamp.staleness(&now, &known.cells).is_none()
+                && let Some(index) = FileIndex::of(&payload, stamp.seen.len())
+            {
+                return Ok((chunk, index, 0));
+            }
+            let seen = Seen::nothing(&known.cells);
+            let surfaces = known.source.of(chunk, set)?;
+            let caster = caster(run, known, &surfaces, Eye::noting(known.tracer, &seen));
+            let emitters: Vec<u32> =
+                set.chunks[&chunk].clone().filter(|&patch| emits(set, patch as usize)).collect();
+            let cast = emitters.len() as u64 * u64::from(rays);
+            let payload = encode(&caster, &emitters, rays);
+            let stamp = Stamp { seen: seen.list(), ..now };
+            run.files.work.write(Kind::Emitted, 0, chunk, &stamp, &payload)?;
+            let index = FileIndex::of(&payload, stamp.seen.len()).ok_or(BakeError::WorkChanged { chunk })?;
+            Ok((chunk, index, cast))
+        })?;
+        let (mut all, mut cast) = (Self::default(), 0);
+        for (chunk, index, rays) in done {
+            cast += rays;
+            index.sections.keys().for_each(|&to| all.leading_to.entry(to).or_default().push(chunk));
+            all.files.insert(chunk, index);
+        }
+        all.leading_to.values_mut().for_each(|from| from.sort_unstable());
+        Ok((all, cast))
+    }
+
+    /// What emitters see of `chunk`, ascending by detail voxel, then patch; and a hash of it that does not change when
+    /// patches elsewhere come or go.
+    pub(crate) fn towards(
+        &self,
+        run: &Run<'_>,
+        known: &Known<'_>,
+        chunk: [i32; 3],
+    ) -> Result<(Vec<FromEmitter>, u64), BakeError> {
+        let (mut found, mut hash) = (Vec::new(), Xxh3Default::new());
+        for &from in self.leading_to.get(&chunk).map_or(&[][..], Vec::as_slice) {
+            let FileIndex { seen, sections } = &self.files[&from];
+            let part = run.files.work.read_part(Kind::Emitted, from, *seen, sections[&chunk].clone())?;
+            hash.update(bytemuck::bytes_of(&from));
+            hash.update(&part);
+            let mut reader = Reader(&part);
+            while !reader.is_empty() {
+                let mut entry = || Some((reader.u32()?, reader.u32()?, reader.f32()?));
+                let known_entry = entry().and_then(|(id, detail, share)| {
+                    let id = u16::try_from(id).ok()?;
+                    let patch = known.set.by_stable_id(from, id, &run.parameters().grid)?;
+                    Some(FromEmitter { detail, patch, share })
+                });
+                found.push(known_entry.ok_or(BakeError::WorkChanged { chunk: from })?);
+            }
+        }
+        found.sort_by_key(|from| (from.detail, from.patch));
+        Ok((found, hash.digest()))
+    }
+}
+
+/// The payload of the file of `caster`'s chunk.
+fn encode(caster: &RowCaster<'_>, emitters: &[u32], rays: u32) -> Vec<u8> {
+    let grid = &caster.parameters.grid;
+    let seen: Vec<Shares> = emitters.par_iter().map(|&emitter| shares_of(caster, emitter, rays)).collect();
+    let mut sections: BTreeMap<[i32; 3], Vec<(u32, u32, f32)>> = BTreeMap::new();
+    for (&emitter, shares) in emitters.iter().zip(seen) {
+        let id = u32::from(caster.set.stable_id(emitter, grid));
+        for ((chunk, detail), share) in shares {
+            sections.entry(chunk).or_default().push((id, detail, share));
+        }
+    }
+    let mut out = Writer::default();
+    out.u32(sections.len() as u32);
+    for (chunk, entries) in &sections {
+        out.i32s(*chunk);
+        out.u32(entries.len() as u32);
+    }
+    for (id, detail, share) in sections.into_values().flatten() {
+        out.u32s([id, detail]);
+        out.f32s([share]);
+    }
+    out.0
+}
+
+/// Shares by chunk and [`detail_id`].
+type Shares = BTreeMap<([i32; 3], u32), f32>;
+
+/// Where the rays of `emitter` end; what hits places that count for no patch is left out.
+fn shares_of(caster: &RowCaster<'_>, emitter: u32, rays: u32) -> Shares {
+    let parameters = caster.parameters;
+    let source = caster.source(emitter);
+    let spread = Spread::new(parameters.method.spread, rays, parameters.seed, !source.key);
+    let edge_m = parameters.grid.voxel_edge_m;
+    let mut shares = Shares::new();
+    for ray in 0..rays {
+        let (u, v) = spread.pair(ray);
+        let sample = &caster.samples[source.sample_at((ray as f32 + 0.5) / rays as f32) as usize];
+        let direction = cosine_direction(sample.normal, u, v);
+        let origin = sample.position + sample.normal * (RAY_OFFSET * edge_m);
+        let Some(hit) = caster.tracer.closest(origin, direction, f32::INFINITY) else { continue };
+        let position = origin + direction * hit.distance;
+        let Some(owners) = caster.owners(&hit, position) else { continue };
+        let normal = caster.tracer.tracer().normal(&hit);
+        let voxel = voxel_of(position, normal, edge_m);
+        let detail = detail_voxel_of(voxel, position, normal, parameters);
+        let chunk = parameters.grid.chunk_of(voxel).to_array();
+        for ((direction, weight), (patch, _)) in
+            side_weights(parameters.weights, normal).into_iter().zip(owners)
+        {
+            if weight > 0.0 && patch != PatchSet::NONE {
+                let id = detail_id(detail, direction, parameters);
+                *shares.entry((chunk, id)).or_default() += weight / rays as f32;
+            }
+        }
+    }
+    shares
+}
+
+impl FileIndex {
+    /// Of a file with `payload` and `seen` cells in its stamp; `None` for a damaged one.
+    fn of(payload: &[u8], seen: usize) -> Option<Self> {
+        let mut reader = Reader(payload);
+        let count = reader.count(SECTION_BYTES as usize)?;
+        let mut at = 4 + count as u64 * SECTION_BYTES;
+        let mut sections = BTreeMap::new();
+        for _ in 0..count {
+            let chunk = reader.i32s()?;
+            let end = at + u64::from(reader.u32()?) * ENTRY_BYTES;
+            sections.insert(chunk, at..end);
+            at = end;
+        }
+        (at == payload.len() as u64).then_some(Self { seen, sections })
+    }
+}
