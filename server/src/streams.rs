@@ -225,7 +225,7 @@ mod tests {
         let mut index = index(4);
         index.chunks.retain(|chunk| chunk.id.level != 2);
         let limits = VolumeLimits { dims_max: UVec3::splat(16), snap_voxels: 2, in_flight_max: 1 };
-        let streams = Streams::new(&VolumesWanted::Any, &index, limits);
+        let streams = Streams::new(&VolumesWanted::Any, false, &index, limits);
         let levels: Vec<u8> = streams.streams.iter().map(|stream| stream.store.layout().level).collect();
         assert_eq!((levels, index.level_count()), (vec![0, 1], 2));
     }

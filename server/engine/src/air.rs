@@ -187,7 +187,8 @@ impl AirSet {
 
     /// Light on surfaces by detail voxel, ascending by detail voxel (x, y, z), then direction.
     pub(crate) fn details(&self) -> Vec<PatchLight> {
-        let mut details: Vec<_> = self.voxels.values().flat_map(|voxel| voxel.details.iter().copied()).collect();
+        let mut details: Vec<_> =
+            self.voxels.values().flat_map(|voxel| voxel.details.iter().copied()).collect();
         details.sort_unstable_by_key(|light| (light.voxel.to_array(), light.direction));
         details
     }

@@ -6,7 +6,7 @@ use chunks::{options, random_chunk};
 use earthshine_tiles::{
     MappedTile, RowCodec, TileError, check_receivers, check_rows, decode_bytes, encode, write_atomic,
 };
-use earthshine_world::{Chunk, Column, ReceiverPlace, DetailVoxel, Vec3, VoxelCoord};
+use earthshine_world::{Chunk, Column, DetailVoxel, ReceiverPlace, Vec3, VoxelCoord};
 use std::path::Path;
 
 const SIZES: [(usize, usize); 8] =

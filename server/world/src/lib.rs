@@ -39,7 +39,7 @@ pub use grid::{Bounds, ChunkCoord, ChunkId, Grid, VoxelCoord};
 pub use index::{ChunkSummary, WorldIndex};
 pub use light::{Light, LightRig, Sky};
 pub use patch::{Patch, PatchId, SamplePoint};
-pub use receivers::{ReceiverPlace, Receivers, DetailVoxel};
+pub use receivers::{DetailVoxel, ReceiverPlace, Receivers};
 pub use rows::{ChunkRows, Column, RowParts};
 
 /// Linear RGB: reflectance, exitance, irradiance or radiance, as the name beside it says.

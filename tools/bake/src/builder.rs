@@ -57,8 +57,7 @@ impl Builder<'_> {
         match self.parameters.method.samples {
             SampleSource::Area => {
                 let detail = IVec3::splat(self.parameters.detail.cast_signed());
-                let mut samples =
-                    covered(self.tracer.scene(), &self.parameters.of_detail_voxels(), progress);
+                let mut samples = covered(self.tracer.scene(), &self.parameters.of_detail_voxels(), progress);
                 samples.iter_mut().for_each(|sample| sample.voxel = sample.voxel.div_euclid(detail));
                 samples
             }

@@ -97,7 +97,7 @@ impl DetailBake<'_> {
     }
 
     /// Averages what the row of a part of `area` m2 says of emitters with what they say of it, and scales the rest so that
-    /// the sum stays. A share `F` found by `n` rays has the variance `F / n`; one found from the other side by `N` rays
+    /// the sum stays one. A share `F` found by `n` rays has the variance `F / n`; one found from the other side by `N` rays
     /// and turned round has `F (A_emitter / A_part) / N`: the weights are `n` and `N A_part / A_emitter`.
     fn with_emitters(&self, row: &mut RawRow, area: f32, emitted: &[FromEmitter]) {
         let is_emitter = |entry: &(u32, f32)| emits(self.caster.set, entry.0 as usize);
@@ -105,22 +105,22 @@ impl DetailBake<'_> {
         if own.is_empty() && emitted.is_empty() {
             return;
         }
+        let weight = |patch: u32| self.own_weight(area, patch);
+        let turned = |from: &FromEmitter| (from.patch, from.share * self.area(from.patch) / area);
+        let theirs: Vec<(u32, f32)> = emitted.iter().map(turned).collect();
         let mut merged = RawRow::default();
-        merged
-            .entries
-            .extend(own.iter().map(|&(patch, share)| (patch, share * self.own_weight(area, patch))));
-        merged.entries.extend(emitted.iter().map(|from| {
-            let share = from.share * self.area(from.patch) / area;
-            (from.patch, share * (1.0 - self.own_weight(area, from.patch)))
-        }));
+        merged.entries.extend(own.iter().map(|&(patch, share)| (patch, share * weight(patch))));
+        merged.entries.extend(theirs.iter().map(|&(patch, share)| (patch, share * (1.0 - weight(patch)))));
         merged.merge();
         let sum = |entries: &[(u32, f32)]| entries.iter().map(|entry| entry.1).sum::<f32>();
-        let (before, after) = (sum(&own).min(1.0), sum(&merged.entries));
-        merged.scale(1.0 / after.max(1.0));
-        let rest = (1.0 - after.min(1.0)) / (1.0 - before).max(f32::MIN_POSITIVE);
+        let (seen, before) = (sum(&merged.entries), sum(&own).min(1.0));
+        let noise =
+            merged.entries.iter().map(|&(patch, share)| share * weight(patch) / (1.0 - weight(patch)));
+        let after = emitters_share(before, sum(&theirs), seen, noise.sum());
+        merged.scale(after / seen.max(f32::MIN_POSITIVE));
         row.entries.retain(|entry| !is_emitter(entry));
-        row.scale(if before < 1.0 { rest } else { 0.0 });
-        row.absorbed += if before < 1.0 { 0.0 } else { 1.0 - after.min(1.0) };
+        row.scale(if before < 1.0 { (1.0 - after) / (1.0 - before) } else { 0.0 });
+        row.absorbed += if before < 1.0 { 0.0 } else { 1.0 - after };
         row.entries.extend(merged.entries);
         row.merge();
     }
@@ -154,5 +154,43 @@ impl DetailBake<'_> {
         let mut placed: Vec<BakeReceiver> = placed.filter(|receiver| has_patch(&receiver.place)).collect();
         placed.sort_by_key(|receiver| receiver.place.order());
         placed
+    }
+}
+
+/// What a row sees of all emitters, if its own rays say `own` and theirs say `theirs`, a first guess is `guess`, and the
+/// variance of `theirs` times the number of own rays is `noise`. Own rays know that all shares add up to one, so the
+/// variance of `own` vanishes where emitters are all there is.
+fn emitters_share(own: f32, theirs: f32, guess: f32, noise: f32) -> f32 {
+    const ROUNDS: usize = 4;
+    (0..ROUNDS).fold(guess.min(1.0), |share, _| {
+        let own_noise = share * (1.0 - share);
+        let both = (own * noise + theirs * own_noise) / (noise + own_noise).max(f32::MIN_POSITIVE);
+        both.clamp(0.0, 1.0)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn where_all_is_emitters_they_are_seen_whole() {
+        assert!((emitters_share(1.0, 0.7, 0.85, 1.0) - 1.0).abs() < 0.02);
+        // Few and small ones are better known from their side.
+        assert!((emitters_share(0.0, 0.01, 0.008, 0.001) - 0.01).abs() < 0.002);
+    }
+
+    #[test]
+    fn ids_tell_all_detail_voxels_of_a_chunk_apart() {
+        let parameters = BakeParameters { detail: 2, ..BakeParameters::default() };
+        let edge = (parameters.grid.chunk_edge_voxels * parameters.detail).cast_signed();
+        let chunk = IVec3::new(-2, 0, 3) * edge;
+        let all = (0..edge.pow(3)).map(|n| chunk + IVec3::new(n / edge / edge, n / edge % edge, n % edge));
+        let mut ids: Vec<u32> = all
+            .flat_map(|at| Direction::ALL.map(|direction| detail_id(at, direction, &parameters)))
+            .collect();
+        ids.sort_unstable();
+        ids.dedup();
+        assert_eq!(ids.len(), (edge.pow(3) * 6) as usize);
     }
 }

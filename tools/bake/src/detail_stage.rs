@@ -53,8 +53,10 @@ pub(crate) fn trace(run: &mut Run<'_>, known: &Known<'_>) -> Result<(), BakeErro
         let stale = match &kept {
             None => Stale::Absent,
             Some((stamp, payload)) => match stamp.staleness(&now, &known.cells) {
-                None if decode(payload, set, &parameters.grid).is_some() => return Ok((chunk, None, 0)),
-                None => Stale::Absent,
+                None => match decode(payload, set, &parameters.grid) {
+                    Some(kept) => return Ok((chunk, None, (kept.len(), 0))),
+                    None => Stale::Absent,
+                },
                 Some(stale) => stale,
             },
         };
@@ -63,17 +65,14 @@ pub(crate) fn trace(run: &mut Run<'_>, known: &Known<'_>) -> Result<(), BakeErro
         let caster = caster(run, known, &surfaces, Eye::noting(known.tracer, &seen));
         let (receivers, cast) = DetailBake { caster, emitter_rays }.receivers(chunk, &emitted);
         let stamp = Stamp { seen: seen.list(), ..now };
-        run.files.work.write(
-            Kind::Details,
-            0,
-            chunk,
-            &stamp,
-            &encode(receivers, set, &parameters.grid),
-        )?;
-        Ok((chunk, Some(stale), cast))
+        let made = (receivers.len(), cast);
+        let payload = encode(receivers, set, &parameters.grid);
+        run.files.work.write(Kind::Details, 0, chunk, &stamp, &payload)?;
+        Ok((chunk, Some(stale), made))
     })?;
     run.summary.detail_rays = emitter_cast;
-    for (chunk, stale, cast) in done {
+    for (chunk, stale, (receivers, cast)) in done {
+        run.summary.detail_receivers += receivers as u64;
         run.summary.detail_rays += cast;
         run.summary.stale.note(chunk, Stage::Detail, stale);
     }

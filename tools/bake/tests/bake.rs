@@ -142,7 +142,7 @@ fn the_same_bytes_at_any_thread_count_and_after_an_interruption() {
         .expect("what an edit would use")
         .map(|entry| entry.expect("an entry").file_name())
         .collect();
-    assert!(left.len() == 3 && !left.contains(&"averages".into()), "{left:?}");
+    assert!(left.len() == 5 && !left.contains(&"averages".into()), "{left:?}");
     let thrifty = BakeOptions { discard_work: true, ..options(0.4) };
     assert!(bake_as(&thrifty, 1, &scene, &cut, &Silent).up_to_date);
     assert!(!cut.join(work_folder::FOLDER).is_dir());
@@ -179,7 +179,7 @@ fn rows_are_sound_and_reciprocal() {
     let folder = tempfile::tempdir().expect("a folder");
     let summary = bake_with(2, &scene(WorldKind::Cornell), folder.path(), &Silent);
     assert!(summary.patches > 100 && summary.buried_samples > 0, "{summary:?}");
-    assert!(summary.balance.deficit_max < 0.05, "{summary:?}");
+    assert!(summary.balance.deficit_max < 0.06, "{summary:?}");
     for chunk in chunks(folder.path()) {
         assert_eq!((check_rows(&chunk), check_receivers(&chunk)), (vec![], vec![]), "chunk {}", chunk.id);
         for patch in &chunk.patches {

@@ -45,6 +45,8 @@ fn options() -> BakeOptions {
             rays_per_patch: 128,
             receiver_rays: 64,
             receiver_reach_voxels: 1,
+            detail: 2,
+            detail_rays: 16,
             ..BakeParameters::default()
         },
         codec: RowCodec::Half,
@@ -116,9 +118,15 @@ fn a_bake_goes_on_after_an_interruption_in_any_stage() {
     let summary = baked(&scene, &whole, &options());
     let expected = files(&whole);
     let cut = folder.path().join("cut");
-    for stage in
-        [Stage::Exposure, Stage::Rows, Stage::Receivers, Stage::Reciprocity, Stage::Tiles, Stage::Pyramid]
-    {
+    for stage in [
+        Stage::Exposure,
+        Stage::Rows,
+        Stage::Receivers,
+        Stage::Detail,
+        Stage::Reciprocity,
+        Stage::Tiles,
+        Stage::Pyramid,
+    ] {
         let plug = PullThePlug { stage, left: AtomicU64::new(u64::MAX) };
         let stopped = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
             bake(&scene, &cut, &options(), &plug).map(|_| ())
@@ -128,6 +136,12 @@ fn a_bake_goes_on_after_an_interruption_in_any_stage() {
     }
     let resumed = baked(&scene, &cut, &options());
     assert_eq!((resumed.rays, resumed.exposure_rays, resumed.receiver_rays), (0, 0, 0), "all was kept");
+    assert!(
+        resumed.detail_rays == 0 && summary.detail_rays > 0,
+        "{} and {}",
+        resumed.detail_rays,
+        summary.detail_rays
+    );
     assert!(summary.rays > 0 && summary.exposure_rays > 0 && summary.receiver_rays > 0);
     assert!(expected == files(&cut), "the bytes differ");
 }

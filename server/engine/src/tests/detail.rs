@@ -5,7 +5,7 @@ use super::harness::{ALICE, Harness, generous, lamp};
 use super::world::{RandomWorld, WorldShape};
 use crate::{Frame, PatchLight};
 use earthshine_world::{
-    ChunkRows, Direction, LightRig, ReceiverPlace, Receivers, Rgb, Sky, DetailVoxel, Vec3,
+    ChunkRows, DetailVoxel, Direction, LightRig, ReceiverPlace, Receivers, Rgb, Sky, Vec3,
 };
 use glam::IVec3;
 use std::collections::BTreeMap;
@@ -60,7 +60,11 @@ fn a_detail_voxel_with_its_patch_s_row_has_its_patch_s_light() {
         harness.settle();
         let frame = harness.frame(ALICE);
         let details = details(frame);
-        assert!(!details.is_empty() && details.len() == frame.patches.len(), "{} detail voxels", details.len());
+        assert!(
+            !details.is_empty() && details.len() == frame.patches.len(),
+            "{} detail voxels",
+            details.len()
+        );
         for patch in frame.patches.iter() {
             let detail = details[&((patch.voxel * 2 + OFFSET).to_array(), patch.direction)];
             let gap = (detail.irradiance - patch.irradiance).abs().max_element();

@@ -2,7 +2,7 @@
 
 use super::{Decoded, planes};
 use bytemuck::{Pod, Zeroable};
-use earthshine_world::{Direction, ReceiverPlace, DetailVoxel, VoxelCoord};
+use earthshine_world::{DetailVoxel, Direction, ReceiverPlace, VoxelCoord};
 
 /// Bytes of a place before zstd.
 pub(crate) const RECORD_BYTES: usize = size_of::<ReceiverRecord>();

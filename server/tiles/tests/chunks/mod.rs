@@ -9,8 +9,8 @@ use earthshine_tiles::{
 };
 use earthshine_world::random::{Purpose, hash, unit_f32};
 use earthshine_world::{
-    Bounds, Chunk, ChunkCoord, ChunkId, ChunkRows, Column, Direction, LightRig, OccluderMesh, Patch,
-    ReceiverPlace, Receivers, SamplePoint, DetailVoxel, Vec3, VoxelCoord,
+    Bounds, Chunk, ChunkCoord, ChunkId, ChunkRows, Column, DetailVoxel, Direction, LightRig, OccluderMesh,
+    Patch, ReceiverPlace, Receivers, SamplePoint, Vec3, VoxelCoord,
 };
 use std::path::Path;
 

@@ -204,8 +204,8 @@ impl Stage<'_, '_> {
             direct_exitance: direct.to_vec(),
             sky: rig.sky,
         };
-        let volume = self.world.volume(&light)?;
-        let lookup = |position, normal| volume_light::at(&volume, position, normal);
+        let volumes = self.world.volumes(&light)?;
+        let lookup = |position, normal| volume_light::at(&volumes, position, normal);
         let samples = self.task.arguments.samples.min(SAMPLES);
         let options = PictureOptions { samples, ..self.task.options };
         let layers = render(self.task.tracer, rig, &options, LightSource::Lookup(&lookup))?;
