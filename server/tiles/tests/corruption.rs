@@ -54,7 +54,7 @@ fn the_damaged_frame_is_named() {
     std::fs::write(&path, &tile).unwrap();
     let sections: Vec<_> =
         MappedTile::open(&path).unwrap().sections().map(|(frame, entry)| (frame, *entry)).collect();
-    assert_eq!(sections.len(), 9);
+    assert_eq!(sections.len(), 10);
     for (damaged, entry) in sections {
         let mut tile = tile.clone();
         tile[entry.offset as usize + entry.stored_bytes as usize / 2] ^= 0x10;
