@@ -79,7 +79,7 @@ pub struct BakeSummary {
     pub exposure_rays: u64,
     /// Rays of rows a second and core, in millions, while rows were traced.
     pub mrays_s_core: f64,
-    /// Rays of rows and of exposure over all seconds of the bake and all cores, in millions.
+    /// Rays of all stages over all seconds of the bake and all cores, in millions.
     pub mrays_s_core_whole: f64,
     /// Patches a second, over the whole bake.
     pub patches_s: f64,
@@ -131,7 +131,8 @@ impl BakeSummary {
         (self.seconds_per_mtriangle, self.bytes_per_mtriangle) =
             (self.seconds / mtriangles, self.world_bytes as f64 / mtriangles);
         let core_seconds = self.seconds.max(1e-9) * rayon::current_num_threads() as f64;
-        self.mrays_s_core_whole = (self.rays + self.exposure_rays) as f64 / core_seconds / 1e6;
+        let rays = self.rays + self.exposure_rays + self.receiver_rays + self.detail_rays;
+        self.mrays_s_core_whole = rays as f64 / core_seconds / 1e6;
         self.patches_s = self.patches as f64 / self.seconds.max(1e-9);
     }
 

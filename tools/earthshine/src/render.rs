@@ -1,7 +1,7 @@
 //! `earthshine render`: pictures of a scene by one of several methods, beside the path tracer's.
 
 mod animation;
-mod default_view;
+pub(crate) mod default_view;
 mod progressive;
 mod screen_space;
 mod traced;
@@ -86,7 +86,7 @@ enum Method {
 }
 
 /// Places within a pixel where light is looked up.
-const LOOKUP_SAMPLES: u32 = 16;
+pub(crate) const LOOKUP_SAMPLES: u32 = 16;
 
 /// Runs the subcommand.
 pub(crate) fn run(arguments: &RenderArguments) -> anyhow::Result<()> {

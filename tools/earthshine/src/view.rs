@@ -45,6 +45,11 @@ impl ViewArguments {
         Self { camera: None, target: None, fov: 60.0, width, height }
     }
 
+    /// The same size, from `camera` towards `target`; what is not given is found as if it had not been said.
+    pub(crate) fn seen(self, camera: Option<Vec3>, target: Option<Vec3>) -> Self {
+        Self { camera, target, ..self }
+    }
+
     /// Where the camera was told to stand.
     pub(crate) fn position(&self) -> Option<Vec3> {
         self.camera

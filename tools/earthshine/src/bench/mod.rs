@@ -14,6 +14,7 @@ mod gpu;
 mod lit_world;
 mod matrix;
 mod moving_sphere;
+mod pictures;
 mod reference;
 mod scratch;
 mod temporal;
@@ -33,6 +34,7 @@ use serde::Serialize;
   earthshine bench builders --scene cornell --markdown
   earthshine bench estimators --scene town --targets 0.04,0.02 --markdown
   earthshine bench sphere --scene sponza.glb --lights sponza.lights.json --way '-8,1.5,0; 6,3,0.5'
+  earthshine bench pictures cornell 'office.glb;voxel=0.25' --markdown
   earthshine bench matrix --swaps 10000 --json
   earthshine bench gpu --m 4096 --json
   earthshine bench alias --rows 4096 --items 1000 --plot alias-error
@@ -54,6 +56,8 @@ enum Suite {
     Accuracy(accuracy::AccuracyArguments),
     /// Our path tracer against another renderer's light at points.
     Reference(reference::ReferenceArguments),
+    /// Pictures of indirect light against the path tracer's: SSIM, PSNR, FLIP, bias.
+    Pictures(pictures::PicturesArguments),
     /// Light on a sphere that moves through the air, against a path tracer.
     Sphere(moving_sphere::SphereArguments),
     /// Add and remove against a fresh solve; the time they take.
@@ -128,6 +132,7 @@ pub(crate) fn run(arguments: &BenchArguments) -> anyhow::Result<()> {
     match &arguments.suite {
         Suite::Accuracy(suite) => accuracy::run(suite, arguments.json),
         Suite::Reference(suite) => reference::run(suite, arguments.json),
+        Suite::Pictures(suite) => pictures::run(suite, arguments.json),
         Suite::Sphere(suite) => moving_sphere::run(suite, arguments.json),
         Suite::Matrix(suite) => matrix::run(suite, arguments.json),
         Suite::Alias(suite) => alias::run(suite, arguments.json),

@@ -16,7 +16,7 @@ const LIT_SHARE: f64 = 0.95;
 const EYE_HEIGHT_M: f32 = 1.7;
 
 /// The camera as told, or where it sees most light among [`places`].
-pub(super) fn pinhole(
+pub(crate) fn pinhole(
     view: &ViewArguments,
     tracer: &SceneTracer<'_>,
     rig: &LightRig,

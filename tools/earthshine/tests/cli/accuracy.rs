@@ -158,3 +158,24 @@ fn errors_of_a_view_are_drawn() {
     }
     run(desk.path(), &[&view[..], &["--view", "error"]].concat()).fails(USAGE, &["--world"]);
 }
+
+/// Goal: one command compares pictures of several scenes, and says what of one it cannot read.
+#[test]
+fn pictures_of_scenes_are_compared_and_wrong_words_named() {
+    let desk = desk();
+    let base =
+        ["bench", "pictures", "--width", "48", "--height", "32", "--reference-samples", "16", "--rays", "64"];
+    let scenes = ["cornell;voxel=0.4", "furnace;voxel=0.5"];
+    let found =
+        run(desk.path(), &[&base[..], &scenes, &["--out", "shown", "--json"]].concat()).succeeds().json();
+    let pictures = found["pictures"].as_array().expect("a picture a scene");
+    assert_eq!(pictures.len(), 2, "{found}");
+    for picture in pictures {
+        let ssim = |of: &serde_json::Value| of["ssim"].as_f64().expect("a figure");
+        assert!((0.1..=1.0).contains(&ssim(picture)) && ssim(&picture["noise"]) <= 1.0, "{found}");
+        assert!(picture["linear"]["bias"].as_f64().is_some_and(|bias| bias.abs() < 0.5), "{found}");
+    }
+    assert!(desk.path().join("shown/cornell_service_indirect.png").is_file());
+    run(desk.path(), &[&base[..], &["cornell;light=a.json"]].concat()).fails(USAGE, &["light", "camera"]);
+    run(desk.path(), &[&base[..], &["missing.glb"]].concat()).fails(INPUT, &["missing.glb"]);
+}
