@@ -62,7 +62,7 @@ impl SolverWish {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use earthshine_engine::SolverName;
+    use earthshine_radiosity::solver::Method;
 
     #[test]
     fn a_wish_changes_what_it_names_once() {
@@ -71,7 +71,7 @@ mod tests {
         let text = wish.change("by_level = [\"hybrid\", \"matrix\"]\nsamples_per_row = 16").unwrap();
         assert_eq!(text, wish.text());
         let expected = SolverConfig {
-            by_level: vec![SolverName::Hybrid, SolverName::Matrix],
+            by_level: vec![Method::Hybrid, Method::Matrix],
             samples_per_row: 16,
             ..SolverConfig::default()
         };

@@ -71,5 +71,5 @@ pub use frame::{Frame, FrameQuality, LevelLight, PatchLight};
 pub use invariant::InvariantError;
 pub use promise::{Crowding, Means, Promise};
 pub use residency::ChunkState;
-pub use solver_config::{DrawnRowsName, SolverConfig, SolverName};
+pub use solver_config::SolverConfig;
 pub use stats::{ChunkCounts, Counters, EngineStats, IgnoredEvents, SessionStats, TickStats};

@@ -3,71 +3,6 @@
 use crate::config::ConfigError;
 use earthshine_radiosity::solver::{DrawnRows, Method, SettingsError, SolverSettings};
 
-/// A solver by its name.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum SolverName {
-    /// The dense multibounce matrix.
-    #[default]
-    Matrix,
-    /// The iterated sparse product, a bounce a tick.
-    Gather,
-    /// Temporal radiosity with alias tables.
-    Alias,
-    /// Temporal radiosity with cumulative tables and systematic draws.
-    Cdf,
-    /// Progressive shooting.
-    Progressive,
-    /// Shooting, and draws for what is not shot yet.
-    Hybrid,
-}
-
-impl SolverName {
-    /// The method it stands for.
-    #[must_use]
-    pub fn method(self) -> Method {
-        match self {
-            Self::Matrix => Method::Matrix,
-            Self::Gather => Method::Gather,
-            Self::Alias => Method::Alias,
-            Self::Cdf => Method::Cdf,
-            Self::Progressive => Method::Progressive,
-            Self::Hybrid => Method::Hybrid,
-        }
-    }
-}
-
-impl std::str::FromStr for SolverName {
-    type Err = String;
-
-    fn from_str(name: &str) -> Result<Self, String> {
-        let all = [Self::Matrix, Self::Gather, Self::Alias, Self::Cdf, Self::Progressive, Self::Hybrid];
-        all.into_iter()
-            .find(|solver| solver.method().name() == name)
-            .ok_or_else(|| format!("{name:?} is not matrix, gather, alias, cdf, progressive or hybrid"))
-    }
-}
-
-/// Which rows `alias` and `cdf` draw from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum DrawnRowsName {
-    /// Form factors: a bounce a tick.
-    #[default]
-    FormFactors,
-    /// The multibounce matrix: all bounces at once, in colour; holds the matrix as well.
-    Multibounce,
-}
-
-impl DrawnRowsName {
-    fn rows(self) -> DrawnRows {
-        match self {
-            Self::FormFactors => DrawnRows::FormFactors,
-            Self::Multibounce => DrawnRows::Multibounce,
-        }
-    }
-}
-
 /// Solvers of all levels. May change at run time: light goes on from where it is.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -76,13 +11,13 @@ pub struct SolverConfig {
     ///
     /// - `matrix`: exact at once; memory and the time of a swap grow with the square of the patches.
     /// - `hybrid`: for more patches than a matrix fits; a change of light takes a few ticks, still light costs nothing.
-    pub by_level: Vec<SolverName>,
+    pub by_level: Vec<Method>,
     /// What `alias` and `cdf` draw from.
     ///
     /// - `form_factors`: light of a bounce a tick, through the light of the tick before; a swap changes few rows.
     /// - `multibounce`: all bounces at once, but the matrix has to be held and every swap changes all rows, which then wait
     ///   for their turn under `table_items_per_tick_max`. On the CPU only.
-    pub drawn_rows: DrawnRowsName,
+    pub drawn_rows: DrawnRows,
     /// Draws a row and tick (k) of `alias`, `cdf` and `hybrid`, 1 to 4096. Higher: less noise, longer ticks.
     pub samples_per_row: u32,
     /// Weight of the past (w) in `alias` and `cdf`, at least 0, below 1. Higher: less noise, light lags longer.
@@ -107,8 +42,8 @@ impl Default for SolverConfig {
     fn default() -> Self {
         let settings = SolverSettings::default();
         Self {
-            by_level: vec![SolverName::Matrix],
-            drawn_rows: DrawnRowsName::FormFactors,
+            by_level: vec![Method::Matrix],
+            drawn_rows: DrawnRows::FormFactors,
             samples_per_row: settings.samples_per_row,
             history_weight: settings.history_weight,
             adaptive: settings.adaptive,
@@ -125,8 +60,8 @@ impl SolverConfig {
     pub fn settings(&self, level: u8, seed: u64) -> SolverSettings {
         let solver = self.by_level.get(usize::from(level)).or(self.by_level.last()).copied();
         SolverSettings {
-            method: solver.unwrap_or_default().method(),
-            rows: self.drawn_rows.rows(),
+            method: solver.unwrap_or_default(),
+            rows: self.drawn_rows,
             seed: seed as u32,
             samples_per_row: self.samples_per_row,
             history_weight: self.history_weight,
@@ -196,7 +131,7 @@ mod tests {
         let coloured: SolverConfig = toml::from_str("drawn_rows = \"multibounce\"").unwrap();
         assert_eq!(coloured.settings(0, 1).rows, DrawnRows::Multibounce);
         assert!(toml::from_str::<SolverConfig>("drawn_rows = \"matrix\"").is_err());
-        assert!("hybrid".parse::<SolverName>() == Ok(SolverName::Hybrid));
-        assert!("magic".parse::<SolverName>().unwrap_err().contains("progressive"));
+        assert!("hybrid".parse::<Method>() == Ok(Method::Hybrid));
+        assert!("magic".parse::<Method>().unwrap_err().contains("progressive"));
     }
 }

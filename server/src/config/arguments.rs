@@ -5,7 +5,7 @@
 use super::load::{ConfigError, read};
 use super::{BackendKind, Config, Secret};
 use crate::ServerError;
-use earthshine_engine::SolverName;
+use earthshine_radiosity::solver::Method;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
@@ -29,7 +29,7 @@ pub struct ServeArgs {
     pub backend: Option<BackendKind>,
     /// Solvers by level, finest first: matrix, gather, alias, cdf, progressive or hybrid
     #[arg(long, env = "EARTHSHINE_SOLVER", value_name = "NAMES", value_delimiter = ',')]
-    pub solver: Vec<SolverName>,
+    pub solver: Vec<Method>,
     /// Ticks between two audits of the solvers by the matrix; 0 for none
     #[arg(long, env = "EARTHSHINE_AUDIT", value_name = "TICKS")]
     pub audit: Option<u32>,

@@ -3,7 +3,7 @@
 use super::backend::Faults;
 use super::harness::{ALICE, Harness, factory, generous, lamp};
 use super::world::{RandomWorld, WorldShape};
-use crate::{BackendFactory, EngineConfig, Event, PatchLight, SolverConfig, SolverName};
+use crate::{BackendFactory, EngineConfig, Event, PatchLight, SolverConfig};
 use earthshine_radiosity::solver::{Method, SolverBackend, SolverSettings};
 use earthshine_radiosity::{Backend, CpuBackend};
 use earthshine_world::{LightRig, Rgb, Vec3};
@@ -18,7 +18,7 @@ fn solving() -> BackendFactory {
     })
 }
 
-fn solved_by(solver: SolverName) -> SolverConfig {
+fn solved_by(solver: Method) -> SolverConfig {
     SolverConfig { by_level: vec![solver], ..SolverConfig::default() }
 }
 
@@ -52,19 +52,19 @@ fn every_solver_ends_at_the_matrix() {
         harness.light(ALICE, rig(1.0));
         harness.settle();
         // Draws go on; give them some histories.
-        for _ in 0..if solver.method().is_endless() { 1000 } else { 0 } {
+        for _ in 0..if solver.is_endless() { 1000 } else { 0 } {
             harness.tick();
         }
         light(&harness)
     };
-    let exact = ends(SolverName::Matrix);
+    let exact = ends(Method::Matrix);
     assert!(!exact.is_empty() && exact.iter().any(|light| light.irradiance.max_element() > 0.0));
     for (solver, most) in [
-        (SolverName::Gather, 1e-4),
-        (SolverName::Progressive, 1e-3),
-        (SolverName::Hybrid, 1e-3),
-        (SolverName::Alias, 0.1),
-        (SolverName::Cdf, 0.1),
+        (Method::Gather, 1e-4),
+        (Method::Progressive, 1e-3),
+        (Method::Hybrid, 1e-3),
+        (Method::Alias, 0.1),
+        (Method::Cdf, 0.1),
     ] {
         let error = rel_rmse(&ends(solver), &exact);
         assert!(error < most, "{solver:?}: {error}");
@@ -75,11 +75,11 @@ fn every_solver_ends_at_the_matrix() {
 /// the way stays where it is, and the matrix, made in steps, ends exact.
 #[test]
 fn solvers_change_while_frames_go_on() {
-    let mut harness = harness(solved_by(SolverName::Hybrid));
+    let mut harness = harness(solved_by(Method::Hybrid));
     harness.light(ALICE, rig(1.0));
     harness.settle();
     let first = light(&harness);
-    let all = [SolverName::Gather, SolverName::Matrix, SolverName::Progressive, SolverName::Hybrid];
+    let all = [Method::Gather, Method::Matrix, Method::Progressive, Method::Hybrid];
     for solver in all {
         harness.events.push(Event::Solver { solver: solved_by(solver) });
         for _ in 0..20 {
@@ -95,12 +95,12 @@ fn solvers_change_while_frames_go_on() {
         .push(Event::Solver { solver: SolverConfig { by_level: Vec::new(), ..SolverConfig::default() } });
     harness.tick();
     assert_eq!(harness.engine.stats().counters.ignored.solvers, before + 1);
-    assert_eq!(harness.engine.config().solver, solved_by(SolverName::Hybrid));
+    assert_eq!(harness.engine.config().solver, solved_by(Method::Hybrid));
 }
 
 #[test]
 fn an_audit_says_how_far_a_solver_is_from_the_matrix() {
-    let audited = SolverConfig { audit_every_ticks: 5, ..solved_by(SolverName::Hybrid) };
+    let audited = SolverConfig { audit_every_ticks: 5, ..solved_by(Method::Hybrid) };
     let mut harness = harness(audited);
     harness.light(ALICE, rig(1.0));
     harness.settle();
@@ -121,7 +121,7 @@ fn an_audit_says_how_far_a_solver_is_from_the_matrix() {
 #[test]
 fn a_backend_without_a_choice_is_left_alone() {
     let world = RandomWorld::new(5, WorldShape::default());
-    let config = EngineConfig { solver: solved_by(SolverName::Cdf), ..generous(PATCHES) };
+    let config = EngineConfig { solver: solved_by(Method::Cdf), ..generous(PATCHES) };
     let mut harness =
         Harness::with_backends(world, config, factory(Faults::default())).with_camera(Vec3::splat(2.0));
     harness.light(ALICE, rig(1.0));

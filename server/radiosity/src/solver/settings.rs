@@ -1,9 +1,11 @@
 //! Which method, and how much work it may do: [`SolverSettings`].
 
 use crate::tables::draw::Spread;
+use serde::{Deserialize, Serialize};
 
 /// How light is advanced by a frame. The table in [`crate::solver`] compares them.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Method {
     /// The dense multibounce matrix: exact at once; `6 M^2` bytes, O(M^2) a frame and a swap.
     #[default]
@@ -57,8 +59,20 @@ impl std::fmt::Display for Method {
     }
 }
 
+impl std::str::FromStr for Method {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        Self::ALL
+            .into_iter()
+            .find(|method| method.name() == name)
+            .ok_or_else(|| format!("{name:?} is not matrix, gather, alias, cdf, progressive or hybrid"))
+    }
+}
+
 /// Which rows [`Method::Alias`] and [`Method::Cdf`] draw from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum DrawnRows {
     /// Rows of form factors: a bounce a frame, through the light of the frame before.
     #[default]
