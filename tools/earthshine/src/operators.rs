@@ -23,7 +23,9 @@ pub(crate) struct OperatorArguments {
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum OperatorsError {
     /// Nobody there, or nobody who speaks HTTP.
-    #[error("the operators' port {address}: {cause}; is a server there? `serve` prints the address, --admin names it")]
+    #[error(
+        "the operators' port {address}: {cause}; is a server there? `serve` prints the address, --admin names it"
+    )]
     NoAnswer {
         /// HOST:PORT.
         address: String,
@@ -80,12 +82,11 @@ impl Operators {
             anyhow::Ok((status, String::from_utf8_lossy(&text).trim_end().to_owned()))
         };
         let answer = tokio::time::timeout(ANSWER_MAX, asking).await;
-        let answer = answer.map_err(|_| no_answer(format!("no answer in {} s", ANSWER_MAX.as_secs())))?;
+        let answer =
+            answer.map_err(|_elapsed| no_answer(format!("no answer in {} s", ANSWER_MAX.as_secs())))?;
         match answer.map_err(|error| no_answer(format!("{error:#}")))? {
             (StatusCode::OK, text) => Ok(text),
-            (status, cause) => {
-                Err(OperatorsError::Refused { address: self.address.clone(), status, cause })
-            }
+            (status, cause) => Err(OperatorsError::Refused { address: self.address.clone(), status, cause }),
         }
     }
 }

@@ -40,8 +40,10 @@ pub(crate) fn run(arguments: &SolverArguments) -> anyhow::Result<()> {
     let names = &arguments.names;
     let mut wish = if names.is_empty() { String::new() } else { by_level(names) };
     wish.extend(arguments.set.iter().map(|setting| format!("{setting}\n")));
-    let operators =
-        Operators { address: arguments.operators.admin.clone(), bearer_token: arguments.bearer_token.clone() };
+    let operators = Operators {
+        address: arguments.operators.admin.clone(),
+        bearer_token: arguments.bearer_token.clone(),
+    };
     let runtime = tokio::runtime::Runtime::new().context("the asynchronous runtime could not start")?;
     let settings = runtime.block_on(async {
         if wish.is_empty() { operators.solver().await } else { operators.change_solver(&wish).await }
