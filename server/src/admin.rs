@@ -1,5 +1,5 @@
 //! The operators' port: `/metrics` for Prometheus, `/health` (restart me if not), `/ready` (send clients), and `/solver`,
-//! which says how light is solved and changes it:
+//! which says how light is solved and changes it (as `earthshine solver` does):
 //!
 //! ```sh
 //! curl http://127.0.0.1:7462/solver

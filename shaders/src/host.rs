@@ -91,6 +91,12 @@ gpu_structs! {
         second_weight: f32,
         /// Weight of the irradiance from outside.
         outside_weight: f32,
+        /// Of every draw.
+        seed: u32,
+        /// Of draws: which frame it is.
+        frame: u32,
+        /// Draws a row and frame, 1 at least where any are made.
+        samples_per_row: u32,
     }
 
     /// A patch in its slot; all zero in a free one.
@@ -125,6 +131,20 @@ gpu_structs! {
         first_bin: u32,
         /// At most 4,096.
         item_count: u32,
+    }
+
+    /// The row of one slot: its links, then what is far and the sky.
+    RowSpan {
+        /// Where its weights and outcomes begin.
+        first_item: u32,
+        /// Two more than its links; 0 for a free slot.
+        item_count: u32,
+        /// Where its table begins.
+        first_bin: u32,
+        /// Where the guide of a cumulative table begins.
+        first_guide: u32,
+        /// Where the sum of its weights is.
+        total_at: u32,
     }
 
     /// Of a stripe's 64 slots, which carry light and whose light is wanted.

@@ -138,7 +138,7 @@ kernel!(
 kernel!(
     /// Alias tables, one workgroup a row or section.
     BUILD_ALIAS = "build_alias",
-    ["table_span"],
+    ["table_span", "span_sum", "lane_scan"],
     [
         read("spans"),
         read("weights"),
@@ -146,6 +146,60 @@ kernel!(
         written("parts"),
         written("bins"),
         written("totals")
+    ]
+);
+
+kernel!(
+    /// What of each row is far and the sky's: its last two weights.
+    SPLIT_OUTSIDE = "split_outside",
+    ["row_span", "span_sum"],
+    [read("spans"), read("sky_shares"), written("weights")]
+);
+kernel!(
+    /// Cumulative tables, one workgroup a row.
+    BUILD_CDF = "build_cdf",
+    ["row_span", "cdf_guide", "span_sum", "lane_scan"],
+    [read("spans"), read("weights"), written("ends"), written("guide"), written("totals")]
+);
+kernel!(
+    /// What draws of the outside bring.
+    SHARE_OUTSIDE = "share_outside",
+    ["row_span"],
+    [read("spans"), read("weights"), read("outside"), read("sky"), written("outside_draws")]
+);
+kernel!(
+    /// What leaves patches, all channels at once.
+    SEND_LIGHT = "send_light",
+    ["resident"],
+    [read("residents"), read("own_light"), read("irradiance"), written("sent")]
+);
+kernel!(
+    /// Draws from alias tables, blended with the past.
+    DRAW_ALIAS = "draw_alias",
+    ["row_span", "draw", "temporal"],
+    [
+        read("spans"),
+        read("outcomes"),
+        read("totals"),
+        read("sent"),
+        read("outside_draws"),
+        written("irradiance"),
+        read("bins"),
+    ]
+);
+kernel!(
+    /// Draws from cumulative tables, blended with the past.
+    DRAW_CDF = "draw_cdf",
+    ["row_span", "cdf_guide", "draw", "temporal"],
+    [
+        read("spans"),
+        read("outcomes"),
+        read("totals"),
+        read("sent"),
+        read("outside_draws"),
+        written("irradiance"),
+        read("ends"),
+        read("guide"),
     ]
 );
 
@@ -164,4 +218,10 @@ pub const KERNELS: &[Kernel] = &[
     MULTIPLY_TILES,
     SUM_TILES,
     BUILD_ALIAS,
+    SPLIT_OUTSIDE,
+    BUILD_CDF,
+    SHARE_OUTSIDE,
+    SEND_LIGHT,
+    DRAW_ALIAS,
+    DRAW_CDF,
 ];

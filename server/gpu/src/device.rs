@@ -41,6 +41,9 @@ struct Inner {
     has_timestamps: bool,
 }
 
+/// Of every buffer: no struct of the shaders is larger.
+const BUFFER_BYTES_MIN: u64 = 32;
+
 impl GpuDevice {
     /// Opens the adapter that `choice` means and compiles all kernels for it: some 10 to 1,000 ms, once.
     ///
@@ -143,7 +146,7 @@ impl GpuDevice {
         }
     }
 
-    /// A zeroed buffer of `bytes` bytes, at least 16.
+    /// A zeroed buffer of `bytes` bytes, at least as many as the largest struct in a list takes: an empty list is bound too.
     ///
     /// # Errors
     /// [`BackendError::OutOfMemory`], [`BackendError::DeviceLost`].
@@ -157,7 +160,7 @@ impl GpuDevice {
         let device = &self.inner.device;
         let memory = device.push_error_scope(ErrorFilter::OutOfMemory);
         let validity = device.push_error_scope(ErrorFilter::Validation);
-        let size = bytes.max(16).next_multiple_of(16);
+        let size = bytes.max(BUFFER_BYTES_MIN).next_multiple_of(16);
         let buffer = device.create_buffer(&BufferDescriptor {
             label: Some(label),
             size,

@@ -19,7 +19,7 @@
 //! driver. Other devices round differently.
 //!
 //! Start at [`adapter`], then [`GpuBackend`]; `matrix` holds the passes, `recorder` how one is run. [`alias`] builds tables to
-//! draw from rows; nothing draws on a device yet. [`copy_bench`] is what kernels are measured against.
+//! draw from rows, [`temporal`] draws from them and from cumulative tables. [`copy_bench`] is what kernels are measured against.
 
 pub mod adapter;
 pub mod alias;
@@ -34,6 +34,7 @@ mod pipeline;
 mod plane;
 mod readback;
 mod recorder;
+pub mod temporal;
 mod timing;
 
 pub use adapter::{AdapterChoice, AdapterReport, GpuError};

@@ -12,6 +12,9 @@ struct Pass {
     first_weight: f32,      // 36
     second_weight: f32,     // 40
     outside_weight: f32,    // 44
-}                           // 48
+    seed: u32,              // 48  of every draw
+    frame: u32,             // 52  of draws: which frame it is
+    samples_per_row: u32,   // 56  draws a row and frame
+}                           // 60
 
 @group(0) @binding(0) var<uniform> pass_of: Pass;

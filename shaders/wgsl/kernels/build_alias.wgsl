@@ -5,8 +5,6 @@
 
 // Units of mass a bin holds.
 const UNITS: u32 = 65536u;
-// Weights that sum to less are none.
-const TOTAL_MIN: f32 = 1e-30;
 
 @group(0) @binding(1) var<storage, read> spans: array<TableSpan>;
 @group(0) @binding(2) var<storage, read> weights: array<f32>;
@@ -14,61 +12,6 @@ const TOTAL_MIN: f32 = 1e-30;
 @group(0) @binding(4) var<storage, read_write> parts: array<vec2<u32>>;
 @group(0) @binding(5) var<storage, read_write> bins: array<u32>;
 @group(0) @binding(6) var<storage, read_write> totals: array<f32>;
-
-var<workgroup> lane_sums: array<f32, 256>;
-var<workgroup> lane_counts: array<vec4<u32>, 256>;
-
-// The sum of the span's weights: lane by lane, then halves.
-fn total_of(span: TableSpan, lane: u32) -> f32 {
-    var sum = 0.0;
-    for (var item = lane; item < span.item_count; item += LANES) {
-        sum += max(weights[span.first_weight + item], 0.0);
-    }
-    lane_sums[lane] = sum;
-    for (var half = LANES / 2u; half > 0u; half /= 2u) {
-        workgroupBarrier();
-        if lane < half {
-            lane_sums[lane] += lane_sums[lane + half];
-        }
-    }
-    workgroupBarrier();
-    return lane_sums[0];
-}
-
-// Most mass in x, the first item that has it in y, the sum of masses in z; of all lanes.
-fn heaviest_of(own: vec4<u32>, lane: u32) -> vec4<u32> {
-    lane_counts[lane] = own;
-    for (var half = LANES / 2u; half > 0u; half /= 2u) {
-        workgroupBarrier();
-        if lane < half {
-            let here = lane_counts[lane];
-            let there = lane_counts[lane + half];
-            let is_heavier = there.x > here.x || (there.x == here.x && there.y < here.y);
-            let best = select(here, there, is_heavier);
-            lane_counts[lane] = vec4<u32>(best.x, best.y, here.z + there.z, 0u);
-        }
-    }
-    workgroupBarrier();
-    let result = lane_counts[0];
-    workgroupBarrier();
-    return result;
-}
-
-// Sums of the lanes before this one; of all lanes in the last lane's entry, as is left in `lane_counts`.
-fn sums_before(own: vec4<u32>, lane: u32) -> vec4<u32> {
-    lane_counts[lane] = own;
-    for (var reach = 1u; reach < LANES; reach *= 2u) {
-        workgroupBarrier();
-        var sum = lane_counts[lane];
-        if lane >= reach {
-            sum += lane_counts[lane - reach];
-        }
-        workgroupBarrier();
-        lane_counts[lane] = sum;
-    }
-    workgroupBarrier();
-    return lane_counts[lane] - own;
-}
 
 fn write_masses(span: TableSpan, total: f32, lane: u32) {
     let all = span.item_count * UNITS;
@@ -163,7 +106,7 @@ fn build_alias(
         return;
     }
     let span = spans[number];
-    let total = total_of(span, lane);
+    let total = total_of(span.first_weight, span.item_count, lane);
     if lane == 0u {
         totals[number] = select(0.0, total, total >= TOTAL_MIN);
     }

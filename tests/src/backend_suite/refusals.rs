@@ -69,6 +69,7 @@ fn bad_batches(size: u32) -> Vec<(Vec<Update>, BackendError)> {
             (vec![remove(1), add(5, 0.5, entry(0.5), vec![])], BackendError::SlotFree(Slot(1))),
             (vec![add(5, 0.5, vec![], vec![(Slot(5), 0.5)])], BackendError::SlotFree(Slot(5))),
             (after(one_sided()), NOT_RECIPROCAL),
+            (after(too_much()), BackendError::RowSum { slot: Slot(5), sum: 1.5 }),
             (after(without_area(-1.0)), BackendError::Area(Slot(5), -1.0)),
         ]);
     }
@@ -78,6 +79,11 @@ fn bad_batches(size: u32) -> Vec<(Vec<Update>, BackendError)> {
 /// Sees a patch that does not see it.
 fn one_sided() -> Update {
     add(5, 0.5, vec![(Slot(0), 0.5)], vec![])
+}
+
+/// Sees more than all there is.
+fn too_much() -> Update {
+    add(5, 0.5, vec![(Slot(0), 0.75), (Slot(5), 0.75)], vec![(Slot(0), 0.75)])
 }
 
 /// What [`one_sided`] is refused with; areas are 1 m2 here.

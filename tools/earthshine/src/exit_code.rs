@@ -1,5 +1,6 @@
 //! What the process's exit code says.
 
+use crate::operators::OperatorsError;
 use earthshine_bake::BakeError;
 use earthshine_client::ClientError;
 use earthshine_fly::{FlyError, PathError, SunPathError};
@@ -119,12 +120,13 @@ fn code(cause: &(dyn std::error::Error + 'static)) -> Option<u8> {
         || cause.is::<SamplesError>()
         || cause.is::<ScreenSpaceError>()
         || cause.is::<SettingsError>()
+        || matches!(cause.downcast_ref(), Some(OperatorsError::Refused { .. }))
         || cause.is::<WrongUse>();
     match () {
         () if is_storage => Some(STORAGE),
         () if is_input => Some(INPUT),
         () if is_usage => Some(USAGE),
-        () if cause.is::<ClientError>() => Some(CONNECTION),
+        () if cause.is::<ClientError>() || cause.is::<OperatorsError>() => Some(CONNECTION),
         () if cause.is::<FaultsFound>() => Some(FAULTS),
         () => None,
     }

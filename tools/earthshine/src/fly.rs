@@ -2,7 +2,9 @@
 
 use crate::connect::ConnectArguments;
 use crate::exit_code::WrongUse;
+use crate::fly_solvers;
 use crate::lights_wire;
+use crate::operators::{OperatorArguments, Operators};
 use crate::output::out;
 use crate::scene_source;
 use crate::view::{ViewArguments, vector, write_layers};
@@ -24,7 +26,9 @@ use std::time::Duration;
   earthshine fly --path recorded --file walk.json --out pictures --scene town.glb
   earthshine fly --path teleports --every 2 --json
   earthshine fly --server https://light.example:7461 --ca-certificate ca.pem
-  earthshine fly --sun-path config/day.example.toml --seconds 60")]
+  earthshine fly --sun-path config/day.example.toml --seconds 60
+  earthshine fly --sun-path config/day.example.toml --solvers hybrid,alias --pictures 24 --out day --scene town.glb
+                                                     (the same day by two solvers: day/animation.gif, day/strip.png)")]
 pub(crate) struct FlyArguments {
     #[command(flatten)]
     connect: ConnectArguments,
@@ -42,6 +46,12 @@ pub(crate) struct FlyArguments {
     /// Moves sun and sky as this TOML file says (config/day.example.toml).
     #[arg(long)]
     sun_path: Option<PathBuf>,
+    /// Flies once by each of these solvers, which the server is switched to through --admin, and draws them side by side;
+    /// needs --out.
+    #[arg(long, value_delimiter = ',', requires = "out", value_name = "NAMES")]
+    solvers: Vec<String>,
+    #[command(flatten)]
+    operators: OperatorArguments,
     /// Writes pictures of the flight into this folder; needs --scene.
     #[arg(long, requires = "scene")]
     out: Option<PathBuf>,
@@ -162,6 +172,9 @@ pub(crate) fn run(arguments: &FlyArguments) -> anyhow::Result<()> {
         let step = arguments.seconds / arguments.pictures.max(1) as f32;
         options.picture_times_s = (1..=arguments.pictures).map(|i| step * (i as f32 - 0.25)).collect();
     }
+    if !arguments.solvers.is_empty() {
+        return compare_solvers(arguments, &runtime, &options, &world);
+    }
     let mut frames = Vec::new();
     // Ctrl-C lands: what was measured until then is reported. A signal that cannot be caught ends the process.
     let landing = async { drop(tokio::signal::ctrl_c().await) };
@@ -177,6 +190,39 @@ pub(crate) fn run(arguments: &FlyArguments) -> anyhow::Result<()> {
     } else {
         print_report(&report);
     }
+    Ok(())
+}
+
+/// The flight by every solver that is named.
+fn compare_solvers(
+    arguments: &FlyArguments,
+    runtime: &tokio::runtime::Runtime,
+    options: &FlyOptions,
+    world: &World,
+) -> anyhow::Result<()> {
+    let operators = Operators {
+        address: arguments.operators.admin.clone(),
+        bearer_token: options.client.credentials.bearer_token.clone(),
+    };
+    let flights = runtime.block_on(fly_solvers::fly_by(options, &arguments.solvers, &operators))?;
+    let (Some(folder), Some(scene)) = (&arguments.out, &arguments.scene) else {
+        return Err(WrongUse("--solvers needs --out and --scene").into());
+    };
+    let own_lights = lights_wire::from_client(&world.lights);
+    let files = fly_solvers::draw(&flights, folder, scene, &own_lights, &arguments.view)?;
+    if arguments.json {
+        let flown: Vec<_> = flights
+            .iter()
+            .map(|flight| serde_json::json!({ "solver": flight.solver, "report": flight.report }))
+            .collect();
+        out!("{}", serde_json::json!({ "flights": flown, "files": files }));
+        return Ok(());
+    }
+    for flight in &flights {
+        out!("{}:", flight.solver);
+        print_report(&flight.report);
+    }
+    out!("{}, {}", files[0].display(), files[1].display());
     Ok(())
 }
 

@@ -15,12 +15,14 @@ mod demo;
 mod error_view;
 mod exit_code;
 mod fly;
+mod fly_solvers;
 mod generate;
 mod gpu;
 mod inspect;
 mod lights_wire;
 mod machine;
 mod method;
+mod operators;
 mod output;
 mod progress_bars;
 mod quality;
@@ -28,6 +30,8 @@ mod reference_light;
 mod render;
 mod scene_source;
 mod serve;
+mod side_by_side;
+mod solver;
 mod solver_world;
 mod view;
 mod volume_light;
@@ -63,6 +67,8 @@ enum Command {
     Inspect(inspect::InspectArguments),
     /// Serves a world until SIGTERM or Ctrl-C.
     Serve(earthshine_server::ServeArgs),
+    /// Says how a running server solves light, or changes it.
+    Solver(solver::SolverArguments),
     /// Lists graphics adapters: what each can do, and how many patches fit.
     Gpu(gpu::GpuArguments),
     /// Flies a camera through a served world: latencies, misses, pictures.
@@ -88,6 +94,7 @@ fn main() -> ExitCode {
         Command::Bake(command) => bake::run(&command),
         Command::Inspect(command) => inspect::run(&command),
         Command::Serve(command) => serve::run(command),
+        Command::Solver(command) => solver::run(&command),
         Command::Gpu(command) => gpu::run(&command),
         Command::Fly(command) => fly::run(&command),
         Command::Render(command) => render::run(&command),

@@ -5,6 +5,7 @@
 //! quickest of some rounds counts.
 
 use super::Report;
+use super::gpu_step::{self, StepArguments};
 use anyhow::Context as _;
 use clap::Args;
 use earthshine_gpu::alias::AliasBuilder;
@@ -34,6 +35,8 @@ pub(crate) struct GpuBenchArguments {
     /// Items of each of those rows.
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..))]
     items: u32,
+    #[command(flatten)]
+    step: StepArguments,
     /// Rounds of which the quickest counts.
     #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..))]
     rounds: u32,
@@ -68,8 +71,13 @@ struct Figures {
     has_timestamps: bool,
     passes: Vec<Pass>,
     vram_bytes: u64,
+    /// A frame of temporal radiosity by cumulative tables.
+    step_ms: f64,
+    /// The same by alias tables.
+    alias_step_ms: f64,
+    /// All cumulative tables from form factors on.
+    cdf_build_ms: f64,
     /// Not computed on devices yet.
-    step_ms: Option<f64>,
     mrays_s: Option<f64>,
 }
 
@@ -99,6 +107,8 @@ pub(crate) fn run(arguments: &GpuBenchArguments, json: bool) -> anyhow::Result<(
     let product_gb_s = 3.0 * plane_bytes / 1e6 / product_ms.max(1e-6);
     let copy_gb_s = copy_rate(&device, arguments)?;
     let (alias_gitems_s, alias_pass) = alias_rate(&device, arguments)?;
+    let step = gpu_step::measure(&device, &arguments.step, arguments.rounds, arguments.seed)?;
+    quickest.extend(quickest_passes(&step.passes));
     quickest.extend(alias_pass.map(|ms| ("build_alias", ms)));
     let passes = quickest.into_iter().map(|(name, ms)| {
         let (bytes, flops) = work(name, plane_bytes).unzip();
@@ -120,7 +130,9 @@ pub(crate) fn run(arguments: &GpuBenchArguments, json: bool) -> anyhow::Result<(
         has_timestamps: bench.has_timestamps,
         passes: passes.collect(),
         vram_bytes: memory::device_bytes(arguments.m),
-        step_ms: None,
+        step_ms: step.step_ms,
+        alias_step_ms: step.alias_step_ms,
+        cdf_build_ms: step.cdf_build_ms,
         mrays_s: None,
     };
     let seconds = started.elapsed().as_secs_f64();

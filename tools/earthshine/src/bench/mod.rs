@@ -11,6 +11,7 @@ mod estimators;
 mod far;
 mod flight;
 mod gpu;
+mod gpu_step;
 mod lit_world;
 mod matrix;
 mod moving_sphere;

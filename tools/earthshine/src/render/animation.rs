@@ -6,19 +6,18 @@ use crate::fly::sun_path;
 use crate::lights_wire;
 use crate::output::out;
 use crate::progress_bars::counted;
+use crate::side_by_side::{self, Reel};
 use crate::solver_world;
 use crate::volume_light;
 use crate::whole_world::{WholeLight, WholeWorld};
-use anyhow::Context as _;
 use clap::{Args, ValueEnum};
 use earthshine_fly::SunPath;
 use earthshine_radiosity::solver::{Method, SolverBackend, SolverSettings};
 use earthshine_radiosity::{Backend, Slot};
+use earthshine_render::image_file;
 use earthshine_render::picture::{LightSource, PictureOptions, render};
-use earthshine_render::{image_file, sheet};
 use earthshine_world::{Bounds, Light, LightRig, Rgb, Vec3};
 use image::RgbImage;
-use image::codecs::gif::{GifEncoder, Repeat};
 use std::path::{Path, PathBuf};
 
 /// Options of an animation.
@@ -80,12 +79,6 @@ const PICTURE_EVERY: u32 = 4;
 const SAMPLES: u32 = 4;
 /// Steps that light before the first frame may take to settle.
 const SETTLE_STEPS: u32 = 2000;
-/// Pictures of the strip, at most.
-const STRIP_PICTURES: usize = 6;
-/// Time a picture is shown, ms.
-const PICTURE_MS: u32 = 100;
-/// Speed of the encoder's search for colours, 1 (best) to 30.
-const GIF_SPEED: i32 = 10;
 /// What a lamp that moves brings to a surface a quarter of the scene away, lx.
 const LAMP_ILLUMINANCE: f32 = 1000.0;
 
@@ -124,7 +117,7 @@ pub(super) fn animate(task: &Task<'_>, animation: Animation, folder: &Path) -> a
         acts.push(Act { method, backend });
     }
     let pictures = stage.play(&mut acts, every)?;
-    stage.write(&acts, &pictures)
+    stage.write(&acts, pictures)
 }
 
 impl Stage<'_, '_> {
@@ -213,37 +206,13 @@ impl Stage<'_, '_> {
         Ok(image_file::exposed(&layers.full, exposure))
     }
 
-    /// Writes `animation.gif` and `strip.png`.
-    fn write(&self, acts: &[Act], pictures: &[Vec<RgbImage>]) -> anyhow::Result<()> {
-        let folder = &self.task.arguments.out;
-        std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
-        let count = pictures[0].len();
-        let together = |at: usize| -> anyhow::Result<RgbImage> {
-            let labelled: Vec<(&str, &RgbImage)> =
-                acts.iter().zip(pictures).map(|(act, pictures)| (act.method.name(), &pictures[at])).collect();
-            Ok(sheet::sheet(&labelled, acts.len())?)
-        };
-        let gif = folder.join("animation.gif");
-        // In memory first: the encoder writes its end where it is dropped, and a fault of a file would be lost there.
-        let mut bytes = Vec::new();
-        let mut encoder = GifEncoder::new_with_speed(&mut bytes, GIF_SPEED);
-        encoder.set_repeat(Repeat::Infinite)?;
-        for at in 0..count {
-            let picture = image::DynamicImage::ImageRgb8(together(at)?).into_rgba8();
-            let delay = image::Delay::from_numer_denom_ms(PICTURE_MS, 1);
-            encoder.encode_frame(image::Frame::from_parts(picture, 0, 0, delay))?;
-        }
-        drop(encoder);
-        std::fs::write(&gif, &bytes).with_context(|| gif.display().to_string())?;
-        let shown: Vec<usize> = (0..count.min(STRIP_PICTURES))
-            .map(|at| at * (count - 1) / (count.min(STRIP_PICTURES) - 1).max(1))
-            .collect();
-        let rows = acts.iter().zip(pictures);
-        let labelled: Vec<(&str, &RgbImage)> = rows
-            .flat_map(|(act, pictures)| shown.iter().map(move |&at| (act.method.name(), &pictures[at])))
-            .collect();
-        let strip = folder.join("strip.png");
-        image_file::write_png(&strip, &sheet::sheet(&labelled, shown.len())?)?;
+    /// Writes the pictures side by side.
+    fn write(&self, acts: &[Act], pictures: Vec<Vec<RgbImage>>) -> anyhow::Result<()> {
+        let count = pictures.iter().map(Vec::len).min().unwrap_or(0);
+        let named = acts.iter().zip(pictures);
+        let reels: Vec<Reel<'_>> =
+            named.map(|(act, pictures)| Reel { name: act.method.name(), pictures }).collect();
+        let [gif, strip] = side_by_side::write(&self.task.arguments.out, &reels)?;
         if self.task.arguments.json {
             let solvers: Vec<&str> = acts.iter().map(|act| act.method.name()).collect();
             out!(

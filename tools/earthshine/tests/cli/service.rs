@@ -58,6 +58,16 @@ fn nobody_to_fly_to() {
 }
 
 #[test]
+fn nobody_to_operate() {
+    let folder = tempfile::tempdir().expect("a scratch folder");
+    let gone = TcpListener::bind("127.0.0.1:0").expect("a free port").local_addr().expect("an address");
+    let admin = gone.to_string();
+    run(folder.path(), &["solver", "hybrid", "--admin", &admin]).fails(CONNECTION, &[&admin, "serve"]);
+    run(folder.path(), &["solver", "--set", "samples"]).fails(USAGE, &["KEY=VALUE"]);
+    run(folder.path(), &["fly", "--solvers", "hybrid"]).fails(USAGE, &["--out"]);
+}
+
+#[test]
 fn a_command_that_is_none() {
     let folder = tempfile::tempdir().expect("a scratch folder");
     run(folder.path(), &["bke"]).fails(USAGE, &["bke"]);

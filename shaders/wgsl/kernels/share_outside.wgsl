@@ -1,0 +1,36 @@
+// What a draw of what is far, and one of the sky, bring to each row: light over share. One thread a row.
+// CPU twin: `radiosity::solver::SolverBackend`'s `prepare_outside`.
+
+@group(0) @binding(1) var<storage, read> spans: array<RowSpan>;
+@group(0) @binding(2) var<storage, read> weights: array<f32>;
+@group(0) @binding(3) var<storage, read> outside: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read> sky: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read_write> outside_draws: array<vec4<f32>>;
+
+fn over(light: vec4<f32>, share: f32) -> vec4<f32> {
+    if share > 0.0 {
+        return light / share;
+    }
+    return vec4<f32>(0.0);
+}
+
+@compute @workgroup_size(256)
+fn share_outside(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let slot = (group.x + group.y * GRID_WIDTH) * LANES + lane;
+    if slot >= pass_of.entry_count {
+        return;
+    }
+    let span = spans[slot];
+    if span.item_count < 2u {
+        return;
+    }
+    let far_share = weights[span.first_item + span.item_count - 2u];
+    let sky_share = weights[span.first_item + span.item_count - 1u];
+    // A sky without a share is far: nobody draws it.
+    let from_sky = select(vec4<f32>(0.0), sky[slot], sky_share > 0.0);
+    outside_draws[2u * slot] = over(max(outside[slot] - from_sky, vec4<f32>(0.0)), far_share);
+    outside_draws[2u * slot + 1u] = over(from_sky, sky_share);
+}
