@@ -3,9 +3,9 @@
 //! A bake's [`BakeMethod`](earthshine_tiles::BakeMethod) names one of each, and any goes with any. Between the two
 //! stands [`exposure`](crate::exposure), which is the same for all. Start at [`Builder::surfaces`].
 
-use crate::cells::Eye;
 use crate::clusters::clusters_of;
 use crate::exposure::{Exposure, ExposureTest};
+use crate::eye::Eye;
 use crate::hammersley::sample_voxels;
 use crate::patches::PatchSet;
 use crate::progress::{Progress, Stage};

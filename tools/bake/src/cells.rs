@@ -1,22 +1,23 @@
 //! Which parts of a scene rays cross, and what is in them: the ground for leaving alone what cannot have changed.
 //!
-//! The scene's box is cut into cells of a few voxels. [`Cells`] holds a hash of what is in each; [`Seen`] notes the
+//! The scene's box is cut into cells of a voxel. [`Cells`] holds a hash of what is in each; [`Seen`] notes the
 //! cells that some rays cross on their way to what they hit. If none of these cells has changed, the same rays hit
-//! the same things: nothing beyond what they hit, and nothing beside their way, matters.
+//! the same things: nothing beyond what they hit, and nothing beside their way, matters. Where rays can be cast again
+//! from their seeds, [`crate::changes`] tells more finely which of them an edit concerns.
 
 use crate::content::SceneContent;
 use crate::overlap::touched_cubes;
+use crate::words::{Reader, Writer};
 use earthshine_scene::Scene;
-use earthshine_trace::{Hit, SceneTracer};
 use earthshine_world::{Grid, Vec3, VoxelCoord};
 use glam::{IVec3, UVec3};
 use std::sync::atomic::{AtomicU64, Ordering};
 use xxhash_rust::xxh3::Xxh3Default;
 
-/// Voxels along a cell's edge, in worlds of ordinary size.
-const CELL_VOXELS: i32 = 4;
-/// Most cells; larger worlds have larger cells.
-const CELLS_MAX: u64 = 1 << 26;
+/// Most cells; worlds of more voxels have cells of 2, 4, .. voxels an edge.
+const CELLS_MAX: u64 = 1 << 24;
+/// The box of cells begins and ends at whole numbers of these: a scene that grows a little keeps its frame.
+const FRAME_CELLS: i32 = 8;
 /// Triangles nearer to a cell than this share of its edge are in it: a ray's way is known to rounding only.
 const MARGIN: f32 = 0.01;
 
@@ -36,13 +37,14 @@ impl Cells {
     #[must_use]
     pub fn of(scene: &Scene, content: &SceneContent<'_>, grid: Grid) -> Self {
         let bounds = scene.bounds();
-        let mut voxels = CELL_VOXELS;
+        let mut voxels = 1;
         let (edge_m, low, size) = loop {
             let edge_m = grid.voxel_edge_m * voxels as f32;
             // One more all around: rays begin a little off their surface.
-            let low = (bounds.min / edge_m).floor().as_ivec3() - 1;
-            let high = (bounds.max / edge_m).floor().as_ivec3() + 1;
-            let size = (high - low + 1).as_uvec3();
+            let frame = IVec3::splat(FRAME_CELLS);
+            let low = ((bounds.min / edge_m).floor().as_ivec3() - 1).div_euclid(frame) * frame;
+            let high = ((bounds.max / edge_m).floor().as_ivec3() + 1).div_euclid(frame) * frame + frame;
+            let size = (high - low).as_uvec3();
             if size.to_array().iter().map(|&edge| u64::from(edge)).product::<u64>() <= CELLS_MAX {
                 break (edge_m, low, size);
             }
@@ -98,12 +100,78 @@ impl Cells {
     /// The middle of cell number `index`, m.
     #[must_use]
     pub fn centre(&self, index: u32) -> Vec3 {
-        let at = UVec3::new(
-            index / (self.size.y * self.size.z),
-            index / self.size.z % self.size.y,
-            index % self.size.z,
-        );
-        (at.as_ivec3() + self.low).as_vec3() * self.edge_m + 0.5 * self.edge_m
+        self.cell(index).as_vec3() * self.edge_m + 0.5 * self.edge_m
+    }
+
+    /// Where cell number `index` is, in cells from the middle of the world.
+    fn cell(&self, index: u32) -> IVec3 {
+        let UVec3 { y, z, .. } = self.size;
+        UVec3::new(index / (y * z), index / z % y, index % z).as_ivec3() + self.low
+    }
+
+    /// What is in the cell at `cell`; zero where there is none.
+    pub(crate) fn at(&self, cell: IVec3) -> u64 {
+        self.index(cell - self.low).map_or(0, |index| self.contents[index])
+    }
+
+    /// Every cell with something in it, and what.
+    pub(crate) fn filled(&self) -> impl Iterator<Item = (IVec3, u64)> + '_ {
+        let filled = self.contents.iter().enumerate().filter(|(_, content)| **content != 0);
+        filled.map(|(index, &content)| (self.cell(index as u32), content))
+    }
+
+    /// m.
+    pub(crate) fn edge_m(&self) -> f32 {
+        self.edge_m
+    }
+
+    /// m.
+    pub(crate) fn voxel_edge_m(&self) -> f32 {
+        self.edge_m / self.voxels as f32
+    }
+
+    /// Whether the cells of `other` are as large.
+    pub(crate) fn has_edge_of(&self, other: &Self) -> bool {
+        (self.voxels, self.edge_m.to_bits()) == (other.voxels, other.edge_m.to_bits())
+    }
+
+    /// Changes with anything that rays notice.
+    pub(crate) fn state(&self) -> u64 {
+        let mut hash = Xxh3Default::new();
+        hash.update(&self.frame().to_le_bytes());
+        hash.update(bytemuck::cast_slice(&self.contents));
+        hash.digest()
+    }
+
+    /// As bytes: only what is not empty.
+    pub(crate) fn encode(&self) -> Vec<u8> {
+        let mut out = Writer::default();
+        out.u32(self.voxels.cast_unsigned());
+        out.f32s([self.edge_m]);
+        out.i32s(self.low.to_array());
+        out.u32s(self.size.to_array());
+        for (index, &content) in self.contents.iter().enumerate().filter(|(_, content)| **content != 0) {
+            out.u32(index as u32);
+            out.u64(content);
+        }
+        out.0
+    }
+
+    /// What [`Self::encode`] made; `None` for other bytes.
+    pub(crate) fn decode(bytes: &[u8]) -> Option<Self> {
+        let mut reader = Reader(bytes);
+        let (voxels, edge_m) = (reader.u32()?.cast_signed(), reader.f32()?);
+        let (low, size) = (IVec3::from(reader.i32s()?), IVec3::from(reader.i32s()?));
+        let count = size.to_array().iter().try_fold(1u64, |count, &edge| {
+            count.checked_mul(u64::try_from(edge).ok()?).filter(|&count| count <= CELLS_MAX)
+        })?;
+        let mut cells =
+            Self { voxels, edge_m, low, size: size.as_uvec3(), contents: vec![0; count as usize] };
+        while !reader.is_empty() {
+            let (index, content) = (reader.u32()?, reader.u64()?);
+            *cells.contents.get_mut(index as usize)? = content;
+        }
+        Some(cells)
     }
 
     /// Bytes that they take.
@@ -150,7 +218,8 @@ impl<'a> Seen<'a> {
         }
     }
 
-    fn mark(&self, index: usize) {
+    /// Notes cell number `index`.
+    pub(crate) fn mark(&self, index: usize) {
         let (word, bit) = (&self.bits[index / 64], 1u64 << (index % 64));
         if word.load(Ordering::Relaxed) & bit == 0 {
             word.fetch_or(bit, Ordering::Relaxed);
@@ -158,7 +227,7 @@ impl<'a> Seen<'a> {
     }
 
     /// Notes the cells from `origin` along unit `direction` up to `distance` m (Amanatides and Woo, 1987).
-    fn mark_way(&self, origin: Vec3, direction: Vec3, distance: f32) {
+    pub(crate) fn mark_way(&self, origin: Vec3, direction: Vec3, distance: f32) {
         let from = origin / self.cells.edge_m - self.cells.low.as_vec3();
         let end = distance / self.cells.edge_m + MARGIN;
         let mut cell = from.floor().as_ivec3();
@@ -177,65 +246,6 @@ impl<'a> Seen<'a> {
             }
             cell[axis] += if direction[axis] > 0.0 { 1 } else { -1 };
             next[axis] += per_cell[axis];
-        }
-    }
-}
-
-/// A tracer that may note what its rays cross.
-#[derive(Debug, Clone, Copy)]
-pub struct Eye<'a> {
-    tracer: &'a SceneTracer<'a>,
-    seen: Option<&'a Seen<'a>>,
-}
-
-impl<'a> From<&'a SceneTracer<'a>> for Eye<'a> {
-    fn from(tracer: &'a SceneTracer<'a>) -> Self {
-        Self { tracer, seen: None }
-    }
-}
-
-impl<'a> Eye<'a> {
-    /// Notes in `seen` what rays cross.
-    #[must_use]
-    pub fn noting(tracer: &'a SceneTracer<'a>, seen: &'a Seen<'a>) -> Self {
-        Self { tracer, seen: Some(seen) }
-    }
-
-    /// What is looked at.
-    #[must_use]
-    pub fn scene(&self) -> &'a Scene {
-        self.tracer.scene()
-    }
-
-    /// The tracer behind it.
-    #[must_use]
-    pub fn tracer(&self) -> &'a SceneTracer<'a> {
-        self.tracer
-    }
-
-    /// As [`SceneTracer::closest`] from a distance of zero on.
-    #[must_use]
-    pub fn closest(&self, origin: Vec3, direction: Vec3, distance_max: f32) -> Option<Hit> {
-        let hit = self.tracer.closest(origin, direction, 0.0, distance_max);
-        if let Some(seen) = self.seen {
-            seen.mark_way(origin, direction, hit.map_or(distance_max, |hit| hit.distance));
-        }
-        hit
-    }
-
-    /// As [`SceneTracer::is_blocked`].
-    #[must_use]
-    pub fn is_blocked(&self, origin: Vec3, direction: Vec3, distance: f32) -> bool {
-        if let Some(seen) = self.seen {
-            seen.mark_way(origin, direction, distance);
-        }
-        self.tracer.is_blocked(origin, direction, distance)
-    }
-
-    /// Notes the voxel that a hit is counted for.
-    pub(crate) fn note_voxel(&self, voxel: VoxelCoord) {
-        if let Some(seen) = self.seen {
-            seen.mark_voxel(voxel);
         }
     }
 }
@@ -269,6 +279,24 @@ mod tests {
             (away - direction * away.dot(direction)).length() < 2.0
         }));
         assert!(marked.len() > 12 && marked.len() < 24, "{}", marked.len());
+    }
+
+    #[test]
+    fn cells_come_back_from_their_bytes() {
+        let cells = cells();
+        let bytes = cells.encode();
+        let again = Cells::decode(&bytes).expect("sound bytes");
+        assert_eq!((again.state(), again.at(IVec3::new(-3, -2, -3))), (cells.state(), 1));
+        assert!(again.filled().eq(cells.filled()));
+        for end in 0..bytes.len() {
+            assert!(
+                Cells::decode(&bytes[..end]).is_none_or(|cut| cut.state() != cells.state()),
+                "cut at {end}"
+            );
+        }
+        let mut vast = bytes;
+        vast[20..32].fill(0x7F);
+        assert!(Cells::decode(&vast).is_none());
     }
 
     #[test]

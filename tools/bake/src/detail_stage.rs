@@ -5,9 +5,10 @@
 //! A run has [`RUN_ROWS`] rows, the last one what is left.
 
 use crate::BakeError;
-use crate::cells::{Eye, Seen};
+use crate::cells::Seen;
 use crate::detail::DetailBake;
 use crate::emitted::{EmittedFiles, emitter_rays};
+use crate::eye::Eye;
 use crate::patches::PatchSet;
 use crate::progress::Stage;
 use crate::receivers::BakeReceiver;

@@ -8,9 +8,10 @@
 //! is one of the emitter's rays.
 
 use crate::BakeError;
-use crate::cells::{Eye, Seen};
+use crate::cells::Seen;
 use crate::detail::{detail_id, detail_voxel_of};
 use crate::estimator::{emits, emitter_factor};
+use crate::eye::Eye;
 use crate::patches::PatchSet;
 use crate::rows::{RAY_OFFSET, RowCaster};
 use crate::sample::{side_weights, voxel_of};

@@ -4,7 +4,7 @@
 //! and what a small lamp sends to a large wall its own rays tell better than the wall's. All ways give a [`RawRow`] a patch, alike in all that comes after. Start at [`Estimator::new`].
 
 use crate::BakeError;
-use crate::adaptive::{ErrorTarget, refined_row};
+use crate::adaptive::{BATCH_RAYS, ErrorTarget, refined_row};
 use crate::patches::PatchSet;
 use crate::point_rows::PointSums;
 use crate::rows::{RawRow, RowCaster};
@@ -72,6 +72,22 @@ impl<'a> Estimator<'a> {
                 )
             }
             Way::Points(points) => points.row(&self.caster, index),
+        }
+    }
+}
+
+impl Estimator<'_> {
+    /// Casts the rays that [`Self::row`] casts for a row that comes to rest on `rays` of them, whatever they find.
+    pub(crate) fn recast(&self, index: u32, rays: u32) {
+        let Way::Refined(target) = &self.way else {
+            let _ = self.row(index);
+            return;
+        };
+        let factor = if emits(self.caster.set, index as usize) { self.emitter_factor } else { 1 };
+        let spread =
+            self.caster.spread(index, target.rays_max.saturating_mul(factor).min(BakeMethod::RAYS_MAX));
+        for first in (0..rays).step_by(BATCH_RAYS as usize) {
+            let _ = self.caster.run(index, &spread, first..first + BATCH_RAYS);
         }
     }
 }

@@ -10,7 +10,7 @@
 //! only where a patch has nothing else. *Open* points share in it by their openness: a patch's exitance is
 //! what others see of it.
 
-use crate::cells::Eye;
+use crate::eye::Eye;
 use crate::sample::SurfaceSample;
 use earthshine_trace::hemisphere::{cosine_direction, spread_pair};
 use earthshine_world::random::{Purpose, hash, unit_pair};

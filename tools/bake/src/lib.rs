@@ -16,13 +16,14 @@
 //!
 //! The bytes depend on the scene, the parameters and the seed alone: not on threads, nor on how many processes
 //! ([`shard`]) in how many runs made them, nor on what the world was before an edit. What a stage comes to for a chunk is
-//! kept in the [`work_folder`] with what its rays crossed ([`cells`]), and is used again while that is as it was; [`stale`]
-//! says what was not. How much memory it all takes is said first ([`memory`]). Start at [`bake`].
+//! kept in the [`work_folder`]. After an edit, its rays are cast again from their seeds without looking ([`eye`]), and
+//! only rows and points whose rays come to what changed (`changes`) are traced; [`stale`] says which were. How much memory it all takes is said first ([`memory`]). Start at [`bake`].
 
 pub mod adaptive;
 mod balance;
 pub mod builder;
 pub mod cells;
+mod changes;
 pub mod clip;
 pub mod clusters;
 mod coarse_exchange;
@@ -34,10 +35,13 @@ mod emitted;
 mod error;
 pub mod estimator;
 pub mod exposure;
+mod exposure_record;
+pub mod eye;
 mod finished_world;
 pub mod hammersley;
 pub mod hidden;
 pub mod identity;
+mod kept_rows;
 pub mod memory;
 pub mod overlap;
 mod parameters_check;
@@ -56,6 +60,7 @@ pub mod shard;
 pub mod spread;
 mod stages;
 pub mod stale;
+mod states;
 mod summary;
 pub mod surfaces;
 #[cfg(test)]

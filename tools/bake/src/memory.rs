@@ -9,8 +9,14 @@ use crate::cells::Cells;
 use earthshine_scene::Scene;
 use earthshine_tiles::BakeParameters;
 
-/// A triangle in the tree, in lists of chunks, and while the tree is built.
+/// A triangle in one tree over all, in lists of chunks, and while the tree is built.
 const TREE_BYTES: u64 = 200;
+/// A triangle in lists of chunks alone.
+const LISTED_BYTES: u64 = 8;
+/// A triangle in the tree of its mesh, and its share of what building the largest of them takes.
+const MESH_TREE_BYTES: u64 = 100;
+/// A mesh in its place.
+const PLACEMENT_BYTES: u64 = 400;
 /// A patch, its voxel's place in the map, and what balancing keeps of it.
 const PATCH_BYTES: u64 = 176;
 /// A sample at work: itself, its share in up to three patches, and their sorting.
@@ -39,13 +45,31 @@ impl std::str::FromStr for MemoryLimit {
     }
 }
 
-/// Bytes that a scene, its tree and its cells take.
+/// Which trees rays go through; both find the same hits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Trees {
+    /// One over all triangles.
+    One,
+    /// One a mesh, however often it is placed.
+    OfMeshes,
+}
+
+/// Bytes that a scene, its trees and its cells take.
 #[must_use]
-pub fn of_scene(scene: &Scene, cells: &Cells) -> u64 {
+pub fn of_scene(scene: &Scene, cells: &Cells, trees: Trees) -> u64 {
+    let triangles = scene.triangles.len() as u64;
+    let trees = match trees {
+        Trees::One => triangles * TREE_BYTES,
+        Trees::OfMeshes => {
+            let different = triangles.saturating_sub(scene.repeated_triangles());
+            let placements = scene.placements.len() as u64 * PLACEMENT_BYTES;
+            triangles * LISTED_BYTES + different * MESH_TREE_BYTES + placements
+        }
+    };
     let corners = 64 + 24 * u64::from(scene.emissive_coordinates.is_some());
     let colours = 24 * u64::from(scene.corner_colours.is_some());
     let texels: u64 = scene.textures.iter().map(|texture| size_of_val(&texture.texels[..]) as u64).sum();
-    BASE_BYTES + scene.triangles.len() as u64 * (corners + colours + TREE_BYTES) + texels + 2 * cells.bytes()
+    BASE_BYTES + triangles * (corners + colours) + trees + texels + 2 * cells.bytes()
 }
 
 /// Bytes that all of `patches` and one chunk a thread take.
@@ -92,6 +116,16 @@ pub fn estimated_patches(scene: &Scene, parameters: &BakeParameters, streamed: b
 }
 
 impl MemoryLimit {
+    /// One tree where it fits beside `others` bytes, else one a mesh; and what [`of_scene`] says of it.
+    #[must_use]
+    pub fn trees(self, scene: &Scene, cells: &Cells, others: u64) -> (Trees, u64) {
+        let one = of_scene(scene, cells, Trees::One);
+        match self.0 {
+            Some(limit) if one + others > limit => (Trees::OfMeshes, of_scene(scene, cells, Trees::OfMeshes)),
+            _ => (Trees::One, one),
+        }
+    }
+
     /// Refuses `needed` bytes for `what` above the limit.
     ///
     /// # Errors

@@ -12,8 +12,6 @@ use crate::rows::{RawRow, RowCaster, patch_key};
 use earthshine_trace::hemisphere::spread_pair;
 use earthshine_world::random::{Purpose, hash, unit_f32, unit_pair};
 use earthshine_world::{Direction, ReceiverPlace, Vec3};
-use rayon::prelude::*;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Air from which more than this share of the rays end on sides without patches is inside of something.
 const ABSORBED_SHARE_MAX: f32 = 0.5;
@@ -30,7 +28,7 @@ pub struct BakeReceiver {
     pub row: RawRow,
 }
 
-/// Traces the receivers of one chunk.
+/// Traces the receivers of voxels.
 #[derive(Debug, Clone, Copy)]
 pub struct ReceiverBake<'a> {
     /// Casts the rays, against the patches that columns are; may begin on the chunk's.
@@ -38,18 +36,14 @@ pub struct ReceiverBake<'a> {
 }
 
 impl ReceiverBake<'_> {
-    /// Six rows a voxel, some of them empty; and how many rays that took.
-    pub(crate) fn rows(&self, voxels: &[Voxel]) -> (Vec<RawRow>, u64) {
-        let cast = AtomicU64::new(0);
-        let rows = voxels
-            .par_iter()
-            .flat_map_iter(|voxel| self.trace_voxel(&candidate(&self.caster, voxel), &cast))
-            .collect();
-        (rows, cast.into_inner())
+    /// Where the rays of `voxel` begin.
+    pub(crate) fn candidate(&self, voxel: &Voxel) -> Candidate {
+        candidate(&self.caster, voxel)
     }
 
-    /// Six rows; empty ones where there is a patch, and everywhere if the voxel is inside of something.
-    fn trace_voxel(&self, candidate: &Candidate, cast: &AtomicU64) -> [RawRow; 6] {
+    /// Six rows; empty ones where there is a patch, and everywhere if the voxel is inside of something. How many rays
+    /// that took.
+    pub(crate) fn rows(&self, candidate: &Candidate) -> ([RawRow; 6], u64) {
         let rays = self.caster.parameters.receiver_rays;
         let key = patch_key(candidate.voxel, 0);
         let shift = unit_pair(hash(self.caster.parameters.seed, Purpose::ReceiverRay, key, 0));
@@ -68,13 +62,11 @@ impl ReceiverBake<'_> {
                 }
             }
             if index + 1 == FIRST_RAYS && absorbed > CLEARLY_ABSORBED * FIRST_RAYS as f32 {
-                cast.fetch_add(u64::from(FIRST_RAYS), Ordering::Relaxed);
-                return Default::default();
+                return (Default::default(), u64::from(FIRST_RAYS));
             }
         }
-        cast.fetch_add(u64::from(rays), Ordering::Relaxed);
         if absorbed > ABSORBED_SHARE_MAX * rays as f32 {
-            return Default::default();
+            return (Default::default(), u64::from(rays));
         }
         for (direction, row) in rows.iter_mut().enumerate() {
             row.merge();
@@ -84,7 +76,7 @@ impl ReceiverBake<'_> {
             let glows = |patch: u32| self.caster.set.patches[patch as usize].patch.emission != Vec3::ZERO;
             thin(&mut row.entries, self.caster.parameters.receiver_columns as usize, draw, glows);
         }
-        rows
+        (rows, u64::from(rays))
     }
 }
 

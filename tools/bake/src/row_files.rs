@@ -65,13 +65,34 @@ pub(crate) fn encode(rows: &[RawRow], set: &PatchSet, grid: &Grid) -> Vec<u8> {
     out.0
 }
 
-/// What [`encode`] made, in numbers of `set`; `None` if it is not about `row_count` rows and patches that there are.
+/// Rows that were in a file.
+#[derive(Debug)]
+pub(crate) struct FoundRows {
+    pub(crate) rows: Vec<RawRow>,
+    pub(crate) index: RowIndex,
+    /// Of each row, whether a patch that it leads to is gone.
+    pub(crate) has_lost: Vec<bool>,
+}
+
+/// What [`encode`] made, in numbers of `set`; `None` if it is not about `row_count` rows, or leads to patches that are
+/// gone.
 pub(crate) fn decode(
     payload: &[u8],
     row_count: usize,
     set: &PatchSet,
     grid: &Grid,
 ) -> Option<(Vec<RawRow>, RowIndex)> {
+    let FoundRows { rows, index, has_lost } = decode_found(payload, row_count, set, grid)?;
+    (!has_lost.contains(&true)).then_some((rows, index))
+}
+
+/// As [`decode`], without entries whose patches are gone.
+pub(crate) fn decode_found(
+    payload: &[u8],
+    row_count: usize,
+    set: &PatchSet,
+    grid: &Grid,
+) -> Option<FoundRows> {
     let mut reader = Reader(payload);
     if reader.u32()? as usize != row_count {
         return None;
@@ -90,14 +111,17 @@ pub(crate) fn decode(
         index.sections.push((chunk, at..end));
         at = end;
     }
+    let mut has_lost = vec![false; row_count];
     for (chunk, range) in &index.sections {
         for _ in 0..(range.end - range.start) / ENTRY_BYTES {
             let (row, target, share) = decode_entry(&mut reader)?;
-            let patch = set.by_stable_id(*chunk, target, grid)?;
-            rows.get_mut(usize::from(row))?.entries.push((patch, share));
+            match set.by_stable_id(*chunk, target, grid) {
+                Some(patch) => rows.get_mut(usize::from(row))?.entries.push((patch, share)),
+                None => *has_lost.get_mut(usize::from(row))? = true,
+            }
         }
     }
-    reader.is_empty().then_some((rows, index))
+    reader.is_empty().then_some(FoundRows { rows, index, has_lost })
 }
 
 fn decode_entry(reader: &mut Reader<'_>) -> Option<(u16, u16, f32)> {

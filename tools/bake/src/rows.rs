@@ -1,7 +1,7 @@
 //! One row by cosine-weighted rays: where the light that arrives at a patch comes from.
 
 use crate::builder::Surfaces;
-use crate::cells::Eye;
+use crate::eye::Eye;
 use crate::patches::{BakePatch, PatchSet};
 use crate::places::{Owners, Place};
 use crate::sample::{SurfaceSample, side_of, voxel_of};

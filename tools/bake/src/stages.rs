@@ -10,7 +10,7 @@ use crate::content::SceneContent;
 use crate::detail_stage;
 use crate::emit::{Emitter, Parts, occluders};
 use crate::finished_world::{Before, before, remove_unlisted};
-use crate::memory::{self, MemoryLimit};
+use crate::memory::{self, MemoryLimit, Trees};
 use crate::overlap::ChunkTriangles;
 use crate::parameters_check::check;
 use crate::patches::PatchSet;
@@ -20,6 +20,7 @@ use crate::receivers::placed;
 use crate::row_files;
 use crate::rows::RawRow;
 use crate::shard::{Shard, for_all, visits};
+use crate::states::States;
 use crate::surfaces::{SurfaceSource, is_streamed};
 use crate::tile_files::{TileFiles, is_there};
 use crate::tracing::{self, ReceiverVoxels};
@@ -158,6 +159,8 @@ pub(crate) struct Known<'a> {
     pub(crate) identities: BTreeMap<[i32; 3], u64>,
     /// What rays can see, patches among it.
     pub(crate) cells: Cells,
+    /// The state that these are, and those before.
+    pub(crate) states: States<'a>,
     /// Hash of what holds for all chunks.
     pub(crate) key: u64,
 }
@@ -180,16 +183,17 @@ impl<'a> Run<'a> {
         self.progress.begin(Stage::Tree, scene.triangles.len() as u64);
         let content = SceneContent::new(scene);
         let cells = Cells::of(scene, &content, parameters.grid);
-        let of_scene = memory::of_scene(scene, &cells);
-        self.options.memory.check(of_scene, "the scene and its tree", edge_m)?;
-        let triangles = ChunkTriangles::new(scene, parameters.grid);
         let estimated = memory::estimated_patches(scene, parameters, is_streamed(&parameters.method));
-        self.options.memory.check(
-            of_scene + estimated,
-            "the scene and about as many patches as it has",
-            edge_m,
-        )?;
-        let tracer = SceneTracer::new(scene);
+        let limit = self.options.memory;
+        let (trees, of_scene) = limit.trees(scene, &cells, estimated);
+        limit.check(of_scene, "the scene and its trees", edge_m)?;
+        let triangles = ChunkTriangles::new(scene, parameters.grid);
+        limit.check(of_scene + estimated, "the scene and about as many patches as it has", edge_m)?;
+        let tracer = match trees {
+            Trees::One => SceneTracer::new(scene),
+            Trees::OfMeshes => SceneTracer::of_meshes(scene),
+        };
+        self.summary.tree_bytes = tracer.tree_bytes() as u64;
         self.end(Stage::Tree);
         let builder = Builder { tracer: &tracer, parameters };
         let whole = self.whole(&builder);
@@ -197,15 +201,15 @@ impl<'a> Run<'a> {
         key = xxh3_64(bytemuck::bytes_of(&[key, content.lamps]));
         let (triangles, content, work) = (&triangles, &content, files.work);
         let source = SurfaceSource { builder, triangles, content, work, key, whole };
-        let (set, identities, cells) = self.surfaces(&source, cells)?;
+        let (set, identities, cells, mut named) = self.surfaces(&source, cells)?;
         if set.is_empty() {
             return Err(BakeError::NoPatches { voxel_edge_m: edge_m });
         }
         let needed = of_scene + memory::of_patches(set.len() as u64, self.summary.chunk_samples_max);
         self.summary.memory_estimate_bytes = needed;
         self.options.memory.check(needed, "the scene and its patches", edge_m)?;
-        let key = self.common_key(&cells);
-        let known = Known { source: &source, tracer: &tracer, set: &set, identities, cells, key };
+        let (key, states) = (self.common_key(&cells), States::begin(work, &cells)?);
+        let known = Known { source: &source, tracer: &tracer, set: &set, identities, cells, states, key };
         let rows = tracing::rows(self, &known)?;
         let receivers = tracing::receivers(self, &known)?;
         detail_stage::trace(self, &known)?;
@@ -216,6 +220,11 @@ impl<'a> Run<'a> {
         self.end(Stage::Tiles);
         let (levels, shard) = (self.options.levels, self.options.shard);
         pyramid::build(&mut chunks, files, parameters, levels, shard, self.progress)?;
+        named.extend(known.states.named());
+        // Other processes may still ask for others.
+        if shard.count == 1 {
+            work.keep_states(&named)?;
+        }
         self.end(Stage::Pyramid);
         Ok(chunks)
     }
@@ -247,22 +256,23 @@ impl<'a> Run<'a> {
         visits(self.options.shard, &coords)
     }
 
-    /// The first stage: exposures and patches. Returns all patches, and the cells with them.
+    /// The first stage: exposures and patches. Returns all patches, the cells with them, and the states that files name.
     fn surfaces(
         &mut self,
         source: &SurfaceSource<'_>,
         mut cells: Cells,
-    ) -> Result<(PatchSet, Identities, Cells), BakeError> {
+    ) -> Result<(PatchSet, Identities, Cells, BTreeSet<u64>), BakeError> {
         if let Some(Surfaces { set, .. }) = &source.whole {
             self.end(Stage::Exposure);
             let identities = set.chunks.keys().map(|&chunk| (chunk, self.files.content_hash)).collect();
-            return Ok((set.without_samples(), identities, cells));
+            return Ok((set.without_samples(), identities, cells, BTreeSet::new()));
         }
+        let states = States::begin(self.files.work, &cells)?;
         let coords = source.triangles.coords();
         let total: u64 = coords.iter().map(|&chunk| source.triangles.of(chunk).len() as u64).sum();
         self.progress.begin(Stage::Exposure, total);
         let mut records = for_all(&visits(self.options.shard, &coords), |number| {
-            let record = source.record(coords[number], &cells)?;
+            let record = source.record(coords[number], &cells, &states)?;
             self.progress.advance(source.triangles.of(coords[number]).len() as u64);
             Ok((coords[number], record))
         })?;
@@ -291,7 +301,7 @@ impl<'a> Run<'a> {
             cells.add_at(piece.voxel, hash.digest());
         }
         self.end(Stage::Exposure);
-        Ok((set, identities, cells))
+        Ok((set, identities, cells, states.named()))
     }
 
     /// The last stage before the pyramid: every chunk becomes a tile.

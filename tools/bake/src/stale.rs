@@ -68,6 +68,9 @@ fn sentence(stale: Stale) -> String {
         Stale::Absent => "nothing was kept of it".to_owned(),
         Stale::Parameters => "lamps, the share of emitters, or the extent of the scene changed".to_owned(),
         Stale::Own => "its own surfaces changed".to_owned(),
+        Stale::Part { renewed, of, at: [x, y, z] } => {
+            format!("what {renewed} of {of} can see changed around {x}, {y}, {z} m")
+        }
         Stale::Seen { changed, of, at: [x, y, z] } => {
             format!("its rays cross {of} cells, of which {changed} changed, one around {x}, {y}, {z} m")
         }

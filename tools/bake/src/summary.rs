@@ -93,6 +93,8 @@ pub struct BakeSummary {
     pub absorbed_share_mean: f64,
     /// Most points of one chunk.
     pub chunk_samples_max: u64,
+    /// What rays go through, beside the scene.
+    pub tree_bytes: u64,
     /// Memory that scene, patches and chunks at work were reckoned to take.
     pub memory_estimate_bytes: u64,
     /// What an edit made stale, and why.

@@ -7,14 +7,16 @@
 
 use crate::BakeError;
 use crate::builder::{Builder, Surfaces};
-use crate::cells::{Cells, Eye, Seen};
+use crate::cells::{Cells, Seen};
 use crate::content::SceneContent;
 use crate::exposure::Exposure;
+use crate::exposure_record::{Basis, Points};
 use crate::hidden::PieceSample;
 use crate::overlap::ChunkTriangles;
 use crate::patches::{BakePatch, PatchSet};
 use crate::rows::patch_key;
 use crate::sample::{SurfaceSample, sample_triangle};
+use crate::states::States;
 use crate::words::{Reader, Writer};
 use crate::work_folder::{Kind, Stale, Stamp, WorkFolder};
 use earthshine_tiles::{BakeMethod, PatchBuilder, RowEstimator, SampleSource};
@@ -22,10 +24,9 @@ use earthshine_world::{Direction, Patch, Vec3, VoxelCoord};
 use glam::IVec3;
 use rayon::prelude::*;
 use std::borrow::Cow;
-use std::sync::atomic::{AtomicU64, Ordering};
 use xxhash_rust::xxh3::{Xxh3Default, xxh3_64};
 
-/// Triangles or samples that are handled together.
+/// Triangles that are handled together.
 const BATCH: usize = 256;
 
 /// Whether a bake by `method` can go chunk by chunk.
@@ -74,32 +75,65 @@ pub(crate) struct SurfaceRecord {
 
 impl SurfaceSource<'_> {
     /// Finds out, or reads, how exposed the samples of `chunk` are and which patches they make.
-    pub(crate) fn record(&self, chunk: [i32; 3], cells: &Cells) -> Result<SurfaceRecord, BakeError> {
-        let now = self.stamp(chunk);
-        let kept = self.work.read(Kind::Surfaces, 0, chunk);
-        let stale = match &kept {
-            None => Some(Stale::Absent),
-            Some((stamp, _)) => stamp.staleness(&now, cells),
+    pub(crate) fn record(
+        &self,
+        chunk: [i32; 3],
+        cells: &Cells,
+        states: &States<'_>,
+    ) -> Result<SurfaceRecord, BakeError> {
+        let now = Stamp { state: states.now, ..self.stamp(chunk) };
+        let Some((stamp, payload)) = self.work.read(Kind::Surfaces, 0, chunk) else {
+            return self.exposed(chunk, now, cells, Stale::Absent);
         };
-        if let (None, Some((stamp, payload))) = (stale, &kept) {
-            if stamp.look == now.look
-                && let Some(record) = self.decoded(payload, now.own, chunk)
-            {
-                return Ok(record);
-            }
-            // Other colours: the same samples, as exposed as before.
-            let mut samples = self.samples(chunk);
-            if put_exposures(payload, &mut samples) {
-                return self.finished(chunk, samples, Stamp { seen: stamp.seen.clone(), ..now }, None);
-            }
+        if let Some(stale) = stamp.difference(&now) {
+            return self.exposed(chunk, now, cells, stale);
         }
-        let mut samples = self.samples(chunk);
+        let Some(changes) = states.since(stamp.state, cells) else {
+            return self.exposed(chunk, now, cells, Stale::Absent);
+        };
+        let is_same = stamp.look == now.look && changes.is_empty();
+        if is_same && let Some(record) = self.decoded(&payload, now.own, chunk) {
+            return Ok(record);
+        }
+        let mut points = Points::new(self.samples(chunk));
+        if !put_exposures(&payload, &mut points) {
+            return self.exposed(chunk, now, cells, Stale::Absent);
+        }
+        let paths_changed = stamp.changed_sight(cells).is_some();
+        let concerned = points.concerned(&self.builder, &changes, paths_changed);
+        let renewed = concerned.iter().filter(|&&concerned| concerned).count() as u32;
+        if renewed == 0
+            && stamp.look == now.look
+            && !states.renew_all
+            && let Some(record) = self.decoded(&payload, now.own, chunk)
+        {
+            return Ok(record);
+        }
         let seen = Seen::nothing(cells);
-        let rays = self.expose(&mut samples, Eye::noting(self.builder.tracer, &seen));
-        let stamp = Stamp { seen: seen.list(), ..now };
-        let mut record = self.finished(chunk, samples, stamp, stale.or(Some(Stale::Absent)))?;
-        record.rays = rays;
-        Ok(record)
+        if !paths_changed {
+            stamp.seen.iter().for_each(|&(cell, _)| seen.mark(cell as usize));
+        }
+        let rays = points.expose(&self.builder, &concerned, &seen);
+        let at = changes.example().to_array();
+        let stale = (renewed > 0).then(|| Stale::Part { renewed, of: concerned.len() as u32, at });
+        let record = self.finished(chunk, &points, Stamp { seen: seen.list(), ..now })?;
+        Ok(SurfaceRecord { rays, stale, ..record })
+    }
+
+    /// Casts the rays of all samples of `chunk`.
+    fn exposed(
+        &self,
+        chunk: [i32; 3],
+        now: Stamp,
+        cells: &Cells,
+        stale: Stale,
+    ) -> Result<SurfaceRecord, BakeError> {
+        let mut points = Points::new(self.samples(chunk));
+        let seen = Seen::nothing(cells);
+        let all = vec![true; points.samples.len()];
+        let rays = points.expose(&self.builder, &all, &seen);
+        let record = self.finished(chunk, &points, Stamp { seen: seen.list(), ..now })?;
+        Ok(SurfaceRecord { rays, stale: Some(stale), ..record })
     }
 
     fn stamp(&self, chunk: [i32; 3]) -> Stamp {
@@ -108,24 +142,19 @@ impl SurfaceSource<'_> {
             own.update(&self.content.traced(triangle as usize).to_le_bytes());
             look.update(&self.content.look(triangle as usize).to_le_bytes());
         }
-        Stamp { key: self.key, own: own.digest(), look: look.digest(), seen: Vec::new() }
+        Stamp { key: self.key, own: own.digest(), look: look.digest(), ..Stamp::default() }
     }
 
-    fn finished(
-        &self,
-        chunk: [i32; 3],
-        samples: Vec<SurfaceSample>,
-        stamp: Stamp,
-        stale: Option<Stale>,
-    ) -> Result<SurfaceRecord, BakeError> {
-        let set = PatchSet::group(&samples, self.builder.parameters);
+    fn finished(&self, chunk: [i32; 3], points: &Points, stamp: Stamp) -> Result<SurfaceRecord, BakeError> {
+        let samples = &points.samples;
+        let set = PatchSet::group(samples, self.builder.parameters);
         let hidden = set.hidden().samples();
-        let payload = encode(&samples, &set.patches, &hidden, self.triangles.of(chunk));
+        let payload = encode(points, &set.patches, &hidden, self.triangles.of(chunk));
         self.work.write(Kind::Surfaces, 0, chunk, &stamp, &payload)?;
         let buried = samples.iter().filter(|sample| sample.exposure == Exposure::Buried).count() as u64;
         let identity = identity(stamp.own, &payload, samples.len());
         let samples = samples.len() as u64;
-        Ok(SurfaceRecord { identity, patches: set.patches, hidden, samples, buried, rays: 0, stale })
+        Ok(SurfaceRecord { identity, patches: set.patches, hidden, samples, buried, rays: 0, stale: None })
     }
 
     /// The surfaces of `chunk`, whose patches are `range` of `set`.
@@ -139,13 +168,14 @@ impl SurfaceSource<'_> {
                 first: range.start,
             });
         }
-        let mut samples = if range.is_empty() { Vec::new() } else { self.samples(chunk) };
-        if !samples.is_empty() {
+        let mut points = Points::new(if range.is_empty() { Vec::new() } else { self.samples(chunk) });
+        if !points.samples.is_empty() {
             let kept = self.work.read(Kind::Surfaces, 0, chunk);
-            if !kept.is_some_and(|(_, payload)| put_exposures(&payload, &mut samples)) {
+            if !kept.is_some_and(|(_, payload)| put_exposures(&payload, &mut points)) {
                 return Err(BakeError::WorkChanged { chunk });
             }
         }
+        let samples = points.samples;
         let patches = PatchSet::group(&samples, self.builder.parameters).patches;
         if patches.len() != range.len() {
             return Err(BakeError::WorkChanged { chunk });
@@ -179,26 +209,14 @@ impl SurfaceSource<'_> {
         batches.concat()
     }
 
-    fn expose(&self, samples: &mut [SurfaceSample], eye: Eye<'_>) -> u64 {
-        if self.builder.parameters.buried_rays == 0 {
-            return 0;
-        }
-        let cast = AtomicU64::new(0);
-        samples.par_chunks_mut(BATCH).for_each(|run| {
-            let test = self.builder.exposure_test(eye);
-            run.iter_mut().for_each(|sample| sample.exposure = test.of(sample));
-            cast.fetch_add(test.cast.get(), Ordering::Relaxed);
-        });
-        cast.into_inner()
-    }
-
     fn decoded(&self, payload: &[u8], own: u64, chunk: [i32; 3]) -> Option<SurfaceRecord> {
         let mut reader = Reader(payload);
-        let samples = reader.count(4)?;
+        let samples = reader.count(5)?;
         let mut buried = 0;
         for _ in 0..samples {
             buried += u64::from(decode_exposure(reader.f32()?) == Exposure::Buried);
         }
+        reader.bytes(samples)?;
         let patches = reader.count(56)?;
         let patches = (0..patches).map(|_| decode_patch(&mut reader)).collect::<Option<Vec<_>>>()?;
         let pieces = reader.count(32)?;
@@ -216,19 +234,15 @@ fn identity(own: u64, payload: &[u8], samples: usize) -> u64 {
     xxh3_64(bytemuck::bytes_of(&[own, xxh3_64(&payload[..4 + 4 * samples])]))
 }
 
-fn encode(
-    samples: &[SurfaceSample],
-    patches: &[BakePatch],
-    hidden: &[PieceSample],
-    triangles: &[u32],
-) -> Vec<u8> {
+fn encode(points: &Points, patches: &[BakePatch], hidden: &[PieceSample], triangles: &[u32]) -> Vec<u8> {
     let mut out = Writer::default();
-    out.u32(samples.len() as u32);
-    out.f32s(samples.iter().map(|sample| match sample.exposure {
+    out.u32(points.samples.len() as u32);
+    out.f32s(points.samples.iter().map(|sample| match sample.exposure {
         Exposure::Open(openness) => openness,
         Exposure::Hidden => -1.0,
         Exposure::Buried => -2.0,
     }));
+    out.0.extend(points.bases.iter().map(|&basis| basis as u8));
     out.u32(patches.len() as u32);
     for BakePatch { patch, .. } in patches {
         out.i32s(patch.voxel.to_array());
@@ -258,17 +272,22 @@ fn decode_exposure(word: f32) -> Exposure {
     }
 }
 
-/// Gives `samples` the exposures at the front of `payload`; `false` if they are not as many.
-fn put_exposures(payload: &[u8], samples: &mut [SurfaceSample]) -> bool {
+/// Gives `points` the exposures at the front of `payload`, and what they rest on; `false` if they are not as many.
+fn put_exposures(payload: &[u8], points: &mut Points) -> bool {
     let mut reader = Reader(payload);
-    if reader.count(4) != Some(samples.len()) {
+    let count = points.samples.len();
+    if reader.count(5) != Some(count) {
         return false;
     }
-    samples.iter_mut().all(|sample| {
-        let word = reader.f32();
-        sample.exposure = decode_exposure(word.unwrap_or_default());
-        word.is_some()
-    })
+    let Some(exposures) = (0..count).map(|_| reader.f32()).collect::<Option<Vec<_>>>() else { return false };
+    let bases =
+        reader.bytes(count).and_then(|bytes| bytes.iter().map(|&byte| Basis::from_byte(byte)).collect());
+    let Some(bases) = bases else { return false };
+    points.bases = bases;
+    for (sample, word) in points.samples.iter_mut().zip(exposures) {
+        sample.exposure = decode_exposure(word);
+    }
+    true
 }
 
 fn decode_patch(reader: &mut Reader<'_>) -> Option<BakePatch> {

@@ -2,17 +2,20 @@
 
 use crate::BakeError;
 use crate::balance::RowStore;
-use crate::cells::{Eye, Seen};
+use crate::changes::Changes;
 use crate::estimator::{Estimator, emitter_factor};
+use crate::eye::{Answer, Eye, Probe};
+use crate::kept_rows::{Kept, Renewal};
 use crate::progress::Stage;
 use crate::receiver_places::{Voxel, chunks_near_patches, voxels_near_patches};
 use crate::receivers::ReceiverBake;
-use crate::row_files::{self, RowIndex};
+use crate::row_files;
 use crate::rows::{RawRow, RowCaster};
 use crate::shard::{for_all, visits};
 use crate::stages::{Known, Run};
 use crate::surfaces::ChunkSurfaces;
-use crate::work_folder::{Kind, Stale, Stamp};
+use crate::work_folder::{Kind, Stamp};
+use earthshine_world::{Grid, Vec3, VoxelCoord};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -39,38 +42,34 @@ pub(crate) fn rows<'k, 'r: 'k>(run: &mut Run<'r>, known: &Known<'k>) -> Result<R
     let cast = AtomicU64::new(0);
     let done = for_all(&run.visits(set), |number| {
         let chunk = chunks[number];
-        let count = set.chunks[&chunk].len();
-        let now = Stamp { key, own: known.identities[&chunk], ..Stamp::default() };
-        let (stale, kept) = kept(run, known, Kind::Rows, chunk, &now, count);
-        if let Some((_, index)) = kept {
-            run.progress.advance(rays * count as u64);
+        let range = set.chunks[&chunk].clone();
+        let now = Stamp { key, own: known.identities[&chunk], state: known.states.now, ..Stamp::default() };
+        let kept = Kept::of(run, known, Kind::Rows, chunk, &now, range.len());
+        if let Kept::All(index) = kept {
+            run.progress.advance(rays * range.len() as u64);
             return Ok((chunk, None, index));
         }
-        let seen = Seen::nothing(&known.cells);
-        let trace = |estimator: &Estimator<'_>| -> Vec<RawRow> {
-            let row = |patch| {
-                let row = estimator.row(patch);
-                run.progress.advance(rays);
-                row
-            };
-            set.chunks[&chunk].clone().into_par_iter().map(row).collect()
-        };
-        let rows = match &of_world {
-            Some(estimator) => trace(estimator),
-            None => {
-                let surfaces = known.source.of(chunk, set)?;
-                let eye = Eye::noting(known.tracer, &seen);
-                trace(&Estimator::with_factor(caster(run, known, &surfaces, eye), factor))
+        let renewal = match &of_world {
+            Some(estimator) => {
+                let trace = |row: usize| {
+                    let row = estimator.row(range.start + row as u32);
+                    run.progress.advance(rays);
+                    vec![row]
+                };
+                kept.renewed((range.len(), 1), |_, _, _| true, trace)
             }
+            None => rows_of_chunk(run, known, &known.source.of(chunk, set)?, factor, kept),
         };
-        cast.fetch_add(rows.iter().map(|row| u64::from(row.rays)).sum(), Ordering::Relaxed);
-        let stamp = Stamp { seen: seen.list(), ..now };
-        let payload = row_files::encode(&rows, set, &grid);
-        run.files.work.write(Kind::Rows, 0, chunk, &stamp, &payload)?;
-        let (_, mut index) =
-            row_files::decode(&payload, count, set, &grid).ok_or(BakeError::WorkChanged { chunk })?;
-        index.seen = stamp.seen.len();
-        Ok((chunk, Some(stale), index))
+        let new = renewal.rows.iter().zip(&renewal.is_new).filter(|(_, is_new)| **is_new);
+        cast.fetch_add(new.map(|(row, _)| u64::from(row.rays)).sum(), Ordering::Relaxed);
+        if let Some(index) = renewal.index.filter(|_| !known.states.renew_all) {
+            return Ok((chunk, None, index));
+        }
+        let payload = row_files::encode(&renewal.rows, set, &grid);
+        run.files.work.write(Kind::Rows, 0, chunk, &now, &payload)?;
+        let (_, index) =
+            row_files::decode(&payload, range.len(), set, &grid).ok_or(BakeError::WorkChanged { chunk })?;
+        Ok((chunk, renewal.stale, index))
     })?;
     run.summary.rays = cast.into_inner();
     let core_seconds = started.elapsed().as_secs_f64() * rayon::current_num_threads() as f64;
@@ -83,6 +82,34 @@ pub(crate) fn rows<'k, 'r: 'k>(run: &mut Run<'r>, known: &Known<'k>) -> Result<R
     }
     run.end(Stage::Rows);
     Ok(RowStore { work: run.files.work, set, grid, indices, content_hash: run.files.content_hash })
+}
+
+/// The rows of a chunk with `surfaces`, of which `kept` are there.
+fn rows_of_chunk(
+    run: &Run<'_>,
+    known: &Known<'_>,
+    surfaces: &ChunkSurfaces<'_>,
+    factor: u32,
+    kept: Kept,
+) -> Renewal {
+    let (caster, first) = (caster(run, known, surfaces, known.tracer.into()), surfaces.first);
+    let estimator = Estimator::with_factor(caster, factor);
+    let advance = || run.progress.advance(u64::from(run.parameters().rays_per_patch));
+    let trace = |row: usize| {
+        let row = estimator.row(first + row as u32);
+        advance();
+        vec![row]
+    };
+    let is_concerned = |row: usize, old: &[RawRow], changes: &Changes| {
+        let probe = Probe::new(changes, Answer::Sky);
+        let asking = RowCaster { tracer: Eye::asking(known.tracer, &probe), ..caster };
+        Estimator::with_factor(asking, factor).recast(first + row as u32, old[0].rays);
+        if !probe.is_concerned() {
+            advance();
+        }
+        probe.is_concerned()
+    };
+    kept.renewed((surfaces.patches.len(), 1), is_concerned, trace)
 }
 
 /// Traces the receivers of all chunks, or finds them in the work folder.
@@ -107,19 +134,34 @@ pub(crate) fn receivers(run: &mut Run<'_>, known: &Known<'_>) -> Result<Receiver
             return Ok((chunk, None, 0));
         }
         let own = own_of_receivers(known.identities.get(&chunk).copied(), voxels);
-        let now = Stamp { key: known.key, own, ..Stamp::default() };
-        let (stale, kept) = kept(run, known, Kind::Receivers, chunk, &now, voxels.len() * 6);
-        if kept.is_some() {
+        let now = Stamp { key: known.key, own, state: known.states.now, ..Stamp::default() };
+        let kept = Kept::of(run, known, Kind::Receivers, chunk, &now, voxels.len() * 6);
+        if matches!(kept, Kept::All(_)) {
             return Ok((chunk, None, 0));
         }
-        let seen = Seen::nothing(&known.cells);
         let surfaces = known.source.of(chunk, set)?;
-        let eye = Eye::noting(known.tracer, &seen);
-        let (rows, cast) = ReceiverBake { caster: caster(run, known, &surfaces, eye) }.rows(voxels);
-        let stamp = Stamp { seen: seen.list(), ..now };
-        let payload = row_files::encode(&rows, set, &grid);
-        run.files.work.write(Kind::Receivers, 0, chunk, &stamp, &payload)?;
-        Ok((chunk, Some(stale), cast))
+        let caster = caster(run, known, &surfaces, known.tracer.into());
+        let (looking, cast) = (ReceiverBake { caster }, AtomicU64::new(0));
+        let trace = |voxel: usize| {
+            let (rows, rays) = looking.rows(&looking.candidate(&voxels[voxel]));
+            cast.fetch_add(rays, Ordering::Relaxed);
+            rows.to_vec()
+        };
+        let is_concerned = |voxel: usize, _: &[RawRow], changes: &Changes| {
+            let (low, high) = around(grid, voxels[voxel].at);
+            let probe = Probe::new(changes, Answer::Sky);
+            changes.touch(low, high) || {
+                let asking = RowCaster { tracer: Eye::asking(known.tracer, &probe), ..caster };
+                let _ = ReceiverBake { caster: asking }.rows(&looking.candidate(&voxels[voxel]));
+                probe.is_concerned()
+            }
+        };
+        let renewal = kept.renewed((voxels.len(), 6), is_concerned, trace);
+        if renewal.index.is_none() || known.states.renew_all {
+            let payload = row_files::encode(&renewal.rows, set, &grid);
+            run.files.work.write(Kind::Receivers, 0, chunk, &now, &payload)?;
+        }
+        Ok((chunk, renewal.stale, cast.into_inner()))
     })?;
     for (chunk, stale, cast) in done {
         run.summary.receiver_rays += cast;
@@ -150,22 +192,8 @@ fn own_of_receivers(surfaces: Option<u64>, voxels: &[Voxel]) -> u64 {
     hash.digest()
 }
 
-/// The rows of `chunk` in the work folder where they are of use; if not, why.
-fn kept(
-    run: &Run<'_>,
-    known: &Known<'_>,
-    kind: Kind,
-    chunk: [i32; 3],
-    now: &Stamp,
-    row_count: usize,
-) -> (Stale, Option<(Vec<RawRow>, RowIndex)>) {
-    let Some((stamp, payload)) = run.files.work.read(kind, 0, chunk) else { return (Stale::Absent, None) };
-    if let Some(stale) = stamp.staleness(now, &known.cells) {
-        return (stale, None);
-    }
-    let mut found = row_files::decode(&payload, row_count, known.set, &run.parameters().grid);
-    if let Some((_, index)) = &mut found {
-        index.seen = stamp.seen.len();
-    }
-    (Stale::Absent, found)
+/// The voxel at `at` with what lies around it: where its place is looked for, m.
+fn around(grid: Grid, at: VoxelCoord) -> (Vec3, Vec3) {
+    let (centre, edge) = (grid.voxel_centre(at), Vec3::splat(grid.voxel_edge_m));
+    (centre - edge, centre + edge)
 }

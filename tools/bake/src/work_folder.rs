@@ -4,10 +4,14 @@
 //! finds the same stamp, of this scene or of an edited one; a damaged one is as good as none. Several processes may
 //! work on one world: whoever finishes a file first puts it there whole, and others would put the same bytes.
 //!
-//! │ xxh3 of the rest, u64 │ key, own, look, payload bytes, seen cells, u64 each │ (cell, content) u64 each │ payload │
+//! │ xxh3 of the rest │ key, own, look, state, payload bytes, seen cells │ (cell, content) each │ payload │, u64 but for
+//! the payload.
+//!
+//! Beside them lie the states of the scene ([`crate::changes`]) that stamps name.
 
 use crate::BakeError;
 use crate::cells::Cells;
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::Read as _;
 use std::os::unix::fs::FileExt as _;
@@ -17,7 +21,8 @@ use xxhash_rust::xxh3::xxh3_64;
 
 /// Folder inside a world that holds them.
 pub const FOLDER: &str = ".bake";
-const HEAD_BYTES: usize = 48;
+const HEAD_BYTES: usize = 56;
+const STATES: &str = "states";
 
 /// Which kind of file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -76,7 +81,9 @@ pub struct Stamp {
     pub own: u64,
     /// The same with their colours; zero where they do not matter.
     pub look: u64,
-    /// The cells that rays crossed, with what was in them.
+    /// Hash of the state of the scene that it was made from.
+    pub state: u64,
+    /// The cells that rays crossed, with what was in them, where that is what tells of changes.
     pub seen: Vec<(u32, u64)>,
 }
 
@@ -89,6 +96,15 @@ pub enum Stale {
     Parameters,
     /// The chunk's own surfaces are others.
     Own,
+    /// An edit can have changed what some of its rays find.
+    Part {
+        /// So many of its rows or points.
+        renewed: u32,
+        /// All of them.
+        of: u32,
+        /// The middle of a place that changed, m.
+        at: [f32; 3],
+    },
     /// What its rays cross has changed.
     Seen {
         /// So many cells of those crossed.
@@ -101,16 +117,27 @@ pub enum Stale {
 }
 
 impl Stamp {
-    /// Why a file with this stamp is of no use where `now` holds (its `seen` does not matter) and `cells` are what
-    /// there is; `None` if it is of use.
+    /// Why a file with this stamp is of no use where `now` holds, whatever changed elsewhere in the scene.
+    #[must_use]
+    pub fn difference(&self, now: &Self) -> Option<Stale> {
+        if self.key != now.key {
+            Some(Stale::Parameters)
+        } else if self.own != now.own {
+            Some(Stale::Own)
+        } else {
+            None
+        }
+    }
+
+    /// As [`Self::difference`], or [`Self::changed_sight`].
     #[must_use]
     pub fn staleness(&self, now: &Self, cells: &Cells) -> Option<Stale> {
-        if self.key != now.key {
-            return Some(Stale::Parameters);
-        }
-        if self.own != now.own {
-            return Some(Stale::Own);
-        }
+        self.difference(now).or_else(|| self.changed_sight(cells))
+    }
+
+    /// Whether `cells` have other contents than those seen.
+    #[must_use]
+    pub fn changed_sight(&self, cells: &Cells) -> Option<Stale> {
         let is_other = |entry: &&(u32, u64)| cells.content(entry.0) != entry.1;
         let first = self.seen.iter().find(is_other)?;
         Some(Stale::Seen {
@@ -134,8 +161,8 @@ impl WorkFolder {
     /// A folder cannot be made.
     pub fn open(world: &Path) -> Result<Self, BakeError> {
         let folder = world.join(FOLDER);
-        for kind in Kind::ALL {
-            let path = folder.join(kind.folder());
+        for name in Kind::ALL.map(Kind::folder).into_iter().chain([STATES]) {
+            let path = folder.join(name);
             std::fs::create_dir_all(&path).map_err(BakeError::io(&path))?;
         }
         Ok(Self { folder })
@@ -181,17 +208,40 @@ impl WorkFolder {
         stamp: &Stamp,
         payload: &[u8],
     ) -> Result<(), BakeError> {
-        static COUNTER: AtomicU32 = AtomicU32::new(0);
-        let path = self.path(kind, level, at);
-        let unique = format!("{}-{}.temp", std::process::id(), COUNTER.fetch_add(1, Ordering::Relaxed));
-        let temporary = path.with_extension(unique);
-        let written = std::fs::write(&temporary, encode(stamp, payload))
-            .and_then(|()| std::fs::rename(&temporary, &path))
-            .map_err(BakeError::io(&path));
-        if written.is_err() {
-            drop(std::fs::remove_file(&temporary));
+        put(&self.path(kind, level, at), &encode(stamp, payload))
+    }
+
+    /// The bytes of a state, if they are there; whether they are sound is the caller's to find out.
+    pub(crate) fn read_state(&self, state: u64) -> Option<Vec<u8>> {
+        std::fs::read(self.state_path(state)).ok()
+    }
+
+    /// Puts the bytes of a state there. Those of one number are always the same.
+    pub(crate) fn write_state(&self, state: u64, bytes: &[u8]) -> Result<(), BakeError> {
+        put(&self.state_path(state), bytes)
+    }
+
+    /// How many states there are.
+    pub(crate) fn count_states(&self) -> Result<usize, BakeError> {
+        let folder = self.folder.join(STATES);
+        Ok(std::fs::read_dir(&folder).map_err(BakeError::io(&folder))?.count())
+    }
+
+    /// Removes all states but those in `named`.
+    pub(crate) fn keep_states(&self, named: &BTreeSet<u64>) -> Result<(), BakeError> {
+        let folder = self.folder.join(STATES);
+        let kept: BTreeSet<PathBuf> = named.iter().map(|&state| self.state_path(state)).collect();
+        for entry in std::fs::read_dir(&folder).map_err(BakeError::io(&folder))? {
+            let path = entry.map_err(BakeError::io(&folder))?.path();
+            if !kept.contains(&path) {
+                std::fs::remove_file(&path).map_err(BakeError::io(&path))?;
+            }
         }
-        written
+        Ok(())
+    }
+
+    fn state_path(&self, state: u64) -> PathBuf {
+        self.folder.join(STATES).join(format!("{state:016x}.cells"))
     }
 
     /// Reads `bytes` of the payload of a file that has been read, or written, before, from `offset` on.
@@ -219,14 +269,28 @@ impl WorkFolder {
     }
 }
 
+/// Writes `bytes` to `path`, whole or not at all.
+fn put(path: &Path, bytes: &[u8]) -> Result<(), BakeError> {
+    static COUNTER: AtomicU32 = AtomicU32::new(0);
+    let unique = format!("{}-{}.temp", std::process::id(), COUNTER.fetch_add(1, Ordering::Relaxed));
+    let temporary = path.with_extension(unique);
+    let written = std::fs::write(&temporary, bytes)
+        .and_then(|()| std::fs::rename(&temporary, path))
+        .map_err(BakeError::io(path));
+    if written.is_err() {
+        drop(std::fs::remove_file(&temporary));
+    }
+    written
+}
+
 fn payload_offset(seen: usize) -> u64 {
     (HEAD_BYTES + 16 * seen) as u64
 }
 
 fn encode(stamp: &Stamp, payload: &[u8]) -> Vec<u8> {
-    let Stamp { key, own, look, seen } = stamp;
+    let Stamp { key, own, look, state, seen } = stamp;
     let mut bytes = Vec::with_capacity(payload_offset(seen.len()) as usize + payload.len());
-    for word in [0, *key, *own, *look, payload.len() as u64, seen.len() as u64] {
+    for word in [0, *key, *own, *look, *state, payload.len() as u64, seen.len() as u64] {
         bytes.extend(word.to_le_bytes());
     }
     for &(cell, content) in seen {
@@ -244,8 +308,8 @@ fn decode(mut bytes: Vec<u8>) -> Option<(Stamp, Vec<u8>)> {
     if word(0)? != xxh3_64(&bytes[8..]) {
         return None;
     }
-    let (key, own, look, length) = (word(8)?, word(16)?, word(24)?, word(32)?);
-    let count = usize::try_from(word(40)?).ok()?;
+    let (key, own, look, state, length) = (word(8)?, word(16)?, word(24)?, word(32)?, word(40)?);
+    let count = usize::try_from(word(48)?).ok()?;
     let expected = (count as u64).checked_mul(16)?.checked_add(HEAD_BYTES as u64)?.checked_add(length)?;
     if expected != bytes.len() as u64 {
         return None;
@@ -253,7 +317,7 @@ fn decode(mut bytes: Vec<u8>) -> Option<(Stamp, Vec<u8>)> {
     let entry = |at: usize| Some((u32::try_from(word(at)?).ok()?, word(at + 8)?));
     let seen = (0..count).map(|index| entry(HEAD_BYTES + 16 * index)).collect::<Option<Vec<_>>>()?;
     let payload = bytes.split_off(HEAD_BYTES + 16 * count);
-    Some((Stamp { key, own, look, seen }, payload))
+    Some((Stamp { key, own, look, state, seen }, payload))
 }
 
 #[cfg(test)]
@@ -264,7 +328,7 @@ mod tests {
     fn files_come_back_and_damage_is_noticed() {
         let folder = tempfile::tempdir().unwrap();
         let work = WorkFolder::open(folder.path()).unwrap();
-        let stamp = Stamp { key: 1, own: 2, look: 3, seen: vec![(4, 5), (6, 7)] };
+        let stamp = Stamp { key: 1, own: 2, look: 3, state: 8, seen: vec![(4, 5), (6, 7)] };
         let at = [-1, 0, 2];
         work.write(Kind::Rows, 0, at, &stamp, b"payload").unwrap();
         assert_eq!(work.read(Kind::Rows, 0, at), Some((stamp.clone(), b"payload".to_vec())));

@@ -142,7 +142,7 @@ fn the_same_bytes_at_any_thread_count_and_after_an_interruption() {
         .expect("what an edit would use")
         .map(|entry| entry.expect("an entry").file_name())
         .collect();
-    assert!(left.len() == 5 && !left.contains(&"averages".into()), "{left:?}");
+    assert!(left.len() == 6 && !left.contains(&"averages".into()), "{left:?}");
     let thrifty = BakeOptions { discard_work: true, ..options(0.4) };
     assert!(bake_as(&thrifty, 1, &scene, &cut, &Silent).up_to_date);
     assert!(!cut.join(work_folder::FOLDER).is_dir());

@@ -16,13 +16,23 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// Eighty metres of corridor with a crate of half a metre at `crate_at`.
 fn corridor(crate_at: Vec3) -> Scene {
     let shape = GenOptions { corridor_length_m: 80.0, ..GenOptions::default() };
-    let glb = earthshine_gen::generate(WorldKind::Corridor, &shape, &|_, _| {}).expect("a generated scene");
+    with_crate(WorldKind::Corridor, &shape, crate_at, 0.5)
+}
+
+/// A town of 5 by 5 blocks, most of them parks, with a crate of 4 m on a crossing.
+fn open_town(crate_at: Vec3) -> Scene {
+    let shape = GenOptions { town_size_m: 200.0, town_triangles: Some(25_000), ..GenOptions::default() };
+    with_crate(WorldKind::Town, &shape, crate_at, 4.0)
+}
+
+fn with_crate(kind: WorldKind, shape: &GenOptions, crate_at: Vec3, edge_m: f32) -> Scene {
+    let glb = earthshine_gen::generate(kind, shape, &|_, _| {}).expect("a generated scene");
     let mut scene = earthshine_scene::load_bytes(&glb.bytes, "generated", &ImportOptions::default())
         .expect("an importable scene");
     for axis in 0..3 {
         let (u, v) = (unit(axis + 1), unit(axis + 2));
         for (corner, turn) in [(Vec3::ZERO, true), (unit(axis), false)] {
-            let quad = [corner, corner + u, corner + u + v, corner + v].map(|at| crate_at + at * 0.5);
+            let quad = [corner, corner + u, corner + u + v, corner + v].map(|at| crate_at + at * edge_m);
             for [a, b, c] in [[quad[0], quad[1], quad[2]], [quad[0], quad[2], quad[3]]] {
                 scene.triangles.push(if turn { [a, c, b] } else { [a, b, c] });
                 scene.texture_coordinates.push([[0.0; 2]; 3]);
@@ -238,7 +248,7 @@ fn an_edit_traces_what_sees_it_and_comes_to_the_bytes_of_a_fresh_bake() {
     let stale = &again.stale;
     assert!(stale.changed_tiles > 0 && stale.kept_tiles > 0, "{stale:?}");
     let why = |text: &str| stale.stages.iter().any(|stage| stage.why.contains(text));
-    assert!(why("its own surfaces changed") && why("its rays cross"), "{stale:?}");
+    assert!(why("its own surfaces changed") && why(" can see changed"), "{stale:?}");
     // The far end of the corridor is many turns away.
     assert!(stale.changed_chunks.iter().all(|chunk| (chunk[0] as f32) < 60.0 / 3.2), "{stale:?}");
     let kept = tiles_of(&after).into_iter().filter(|name| before.contains_key(*name)).count() as u64;
@@ -246,6 +256,63 @@ fn an_edit_traces_what_sees_it_and_comes_to_the_bytes_of_a_fresh_bake() {
 
     let back = baked(&corridor(HERE), &edited, &options());
     assert!(back.rays < first.rays && files(&edited) == before, "there and back again");
+}
+
+/// Goal: where everything sees far, an edit traces the rows and points whose rays come to it, and no more. Method: a crate
+/// moves down a street of an open town, back and forth often enough that earlier states are given up.
+#[test]
+fn an_edit_of_an_open_town_traces_a_few_rows_of_many_chunks() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [edited, fresh] = ["edited", "fresh"].map(|name| folder.path().join(name));
+    let mut options = options();
+    options.parameters.grid = Grid { voxel_edge_m: 4.0, chunk_edge_voxels: 8 };
+    options.parameters.rays_per_patch = 32;
+    options.parameters.samples_per_voxel_face = 4;
+    let at = |step: u8| open_town(Vec3::new(-2.0, 0.05, f32::from(step) * 6.0));
+    baked(&at(0), &edited, &options);
+    let before = files(&edited);
+    let again = baked(&at(1), &edited, &options);
+    let whole = baked(&at(1), &fresh, &options);
+    assert!(files(&edited) == files(&fresh), "the bytes differ");
+    assert!(again.rays > 0 && again.rays * 4 < whole.rays, "{} of {} rays", again.rays, whole.rays);
+    let (points, all) = (again.exposure_rays, whole.exposure_rays);
+    assert!(points > 0 && points * 2 < all, "{points} of {all} rays of points");
+    assert!(again.receiver_rays * 3 < whole.receiver_rays, "{again:?}");
+    assert!(
+        again.stale.stages.iter().any(|stage| stage.why.contains(" can see changed")),
+        "{:?}",
+        again.stale
+    );
+    for step in [2, 3, 4, 5, 0] {
+        baked(&at(step), &edited, &options);
+    }
+    assert!(files(&edited) == before, "there and back again");
+    let states = std::fs::read_dir(edited.join(work_folder::FOLDER).join("states")).expect("a folder");
+    assert!(states.count() <= 10, "earlier states go");
+}
+
+/// Goal: trees of meshes save memory and change no byte. Method: a town baked with just so much memory that one tree over
+/// all triangles does not fit, against one without a limit.
+#[test]
+fn the_bytes_do_not_hang_on_the_trees() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [one, of_meshes] = ["one", "of_meshes"].map(|name| folder.path().join(name));
+    let shape = GenOptions { town_size_m: 120.0, ..GenOptions::default() };
+    let scene = with_crate(WorldKind::Town, &shape, Vec3::Y, 4.0);
+    let mut options = options();
+    options.parameters.grid = Grid { voxel_edge_m: 4.0, chunk_edge_voxels: 8 };
+    options.parameters.rays_per_patch = 32;
+    options.parameters.samples_per_voxel_face = 4;
+    let whole = baked(&scene, &one, &options);
+    options.memory = MemoryLimit(Some(whole.memory_estimate_bytes * 2 / 3));
+    let thrifty = baked(&scene, &of_meshes, &options);
+    assert!(
+        thrifty.tree_bytes * 4 < whole.tree_bytes,
+        "{} of {} bytes",
+        thrifty.tree_bytes,
+        whole.tree_bytes
+    );
+    assert!(files(&one) == files(&of_meshes), "the bytes differ");
 }
 
 #[test]

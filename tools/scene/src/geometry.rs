@@ -8,6 +8,7 @@ use crate::document::Document;
 use crate::materials::{UvSource, UvSources};
 use crate::nodes::Placement;
 use crate::primitive::{Primitive, Topology};
+use crate::scene::PlacedMesh;
 use crate::{ImportOptions, Scene, SceneError};
 use earthshine_world::Vec3;
 use glam::{DAffine3, DVec3};
@@ -169,15 +170,14 @@ impl<'a> Geometry<'a> {
         let count = self.triangle_count as usize;
         scene.triangles.reserve_exact(count);
         scene.material_of.reserve_exact(count);
+        let mut shapes = BTreeMap::new();
         for placement in placements {
-            let primitives = self.meshes[&placement.mesh].iter();
-            for primitive in primitives.filter(|primitive| primitive.triangles > 0) {
-                match &placement.instances {
-                    None => self.write_primitive(primitive, placement.world, scene)?,
-                    Some(instances) => {
-                        for i in 0..instances.count {
-                            self.write_primitive(primitive, placement.world * instances.transform(i), scene)?;
-                        }
+            match &placement.instances {
+                None => self.write_mesh(placement.mesh, placement.world, scene, &mut shapes)?,
+                Some(instances) => {
+                    for i in 0..instances.count {
+                        let world = placement.world * instances.transform(i);
+                        self.write_mesh(placement.mesh, world, scene, &mut shapes)?;
                     }
                 }
             }
@@ -190,11 +190,39 @@ impl<'a> Geometry<'a> {
         Ok(())
     }
 
+    /// Appends one mesh in one place, and notes it as a placement of its shape.
+    fn write_mesh(
+        &self,
+        mesh: usize,
+        world: DAffine3,
+        scene: &mut Scene,
+        shapes: &mut BTreeMap<(usize, bool, Vec<u64>), u32>,
+    ) -> Result<(), SceneError> {
+        let (first, mut skipped) = (scene.triangles.len(), Vec::new());
+        for primitive in self.meshes[&mesh].iter().filter(|primitive| primitive.triangles > 0) {
+            let before = scene.triangles.len() + skipped.len();
+            self.write_primitive(primitive, world, scene, |triangle| {
+                skipped.push((before - first + triangle) as u64)
+            })?;
+        }
+        let inverse = world.inverse();
+        if inverse.is_finite() && scene.triangles.len() > first {
+            let next = shapes.len() as u32;
+            // Mirrored ones have the same triangles, but other corners first.
+            let is_mirrored = world.matrix3.determinant() < 0.0;
+            let shape = *shapes.entry((mesh, is_mirrored, skipped)).or_insert(next);
+            let count = (scene.triangles.len() - first) as u32;
+            scene.placements.push(PlacedMesh { first: first as u32, count, shape, to_world: world });
+        }
+        Ok(())
+    }
+
     fn write_primitive(
         &self,
         primitive: &Primitive<'_>,
         world: DAffine3,
         scene: &mut Scene,
+        mut skip: impl FnMut(usize),
     ) -> Result<(), SceneError> {
         // A mirrored mesh would show its back faces; its corners are taken the other way round.
         let order = if world.matrix3.determinant() < 0.0 { [0, 2, 1] } else { [0, 1, 2] };
@@ -208,6 +236,7 @@ impl<'a> Geometry<'a> {
             let [a, b, c] = corners;
             if (b - a).cross(c - a).try_normalize().is_none() {
                 scene.report.zero_area_triangles += 1;
+                skip(triangle);
                 continue;
             }
             scene.triangles.push(corners);

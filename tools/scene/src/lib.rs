@@ -45,7 +45,7 @@ pub use environment::{EnvironmentError, EnvironmentMap};
 pub use error::SceneError;
 pub use import::{ImportOptions, load, load_bytes};
 pub use lights::{LightsFile, light_rig, load_lights, parse_lights};
-pub use scene::{ImportReport, Material, Scene, Surface};
+pub use scene::{ImportReport, Material, PlacedMesh, Scene, Surface};
 pub use shared_scenes::scenes_dir;
 pub use sky_projection::SkyProjection;
 pub use texture::{Texture, Wrap};

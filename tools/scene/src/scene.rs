@@ -2,6 +2,8 @@
 
 use crate::texture::Texture;
 use earthshine_world::{Bounds, Light, Rgb, Vec3};
+use glam::DAffine3;
+use std::collections::BTreeSet;
 
 /// A whole scene, instances flattened, transforms applied.
 #[derive(Debug, Clone, Default)]
@@ -20,10 +22,25 @@ pub struct Scene {
     pub materials: Vec<Material>,
     /// Decoded images, linear.
     pub textures: Vec<Texture>,
+    /// Runs of triangles that a mesh of the file was placed as, ascending; not all triangles are in one.
+    pub placements: Vec<PlacedMesh>,
     /// `KHR_lights_punctual`, in world space.
     pub lights: Vec<Light>,
     /// What the import left out or changed.
     pub report: ImportReport,
+}
+
+/// A mesh of the file in its place: what trees over meshes are made of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlacedMesh {
+    /// The first of its [`Scene::triangles`].
+    pub first: u32,
+    /// How many there are.
+    pub count: u32,
+    /// Placements of one shape have triangle by triangle the same geometry in the frame of their mesh.
+    pub shape: u32,
+    /// From that frame to the world; can be inverted.
+    pub to_world: DAffine3,
 }
 
 /// Diffuse material.
@@ -85,6 +102,14 @@ impl Scene {
             bounds.grow(*corner);
         }
         bounds
+    }
+
+    /// Triangles of [`Self::placements`] of a shape that stands somewhere before.
+    #[must_use]
+    pub fn repeated_triangles(&self) -> u64 {
+        let mut shapes = BTreeSet::new();
+        let again = self.placements.iter().filter(|placed| !shapes.insert(placed.shape));
+        again.map(|placed| u64::from(placed.count)).sum()
     }
 
     /// Area of all triangles, one side of each, m2.

@@ -1,0 +1,94 @@
+//! Rows of an earlier bake, and which of them an edit makes us trace again.
+//!
+//! A file of the work folder is good as it is, or good but for the rows whose rays come to what changed since, or of no
+//! use. Rows go in units that are traced together: one for a patch, six for a voxel of air.
+
+use crate::changes::Changes;
+use crate::row_files::{self, FoundRows, RowIndex};
+use crate::rows::RawRow;
+use crate::stages::{Known, Run};
+use crate::work_folder::{Kind, Stale, Stamp};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// What the work folder has of a chunk's rows.
+#[derive(Debug)]
+pub(crate) enum Kept {
+    /// Nothing of use.
+    Nothing(Stale),
+    /// Just what is wanted.
+    All(RowIndex),
+    /// Rows of an earlier state of the scene.
+    Earlier(FoundRows, Arc<Changes>),
+}
+
+/// The rows of a chunk after an edit.
+#[derive(Debug)]
+pub(crate) struct Renewal {
+    pub(crate) rows: Vec<RawRow>,
+    /// Of each unit, whether it was traced.
+    pub(crate) is_new: Vec<bool>,
+    /// Why any was; `None` if none was.
+    pub(crate) stale: Option<Stale>,
+    /// Where the rows are in the file, if it is good as it is.
+    pub(crate) index: Option<RowIndex>,
+}
+
+impl Kept {
+    /// What there is of `kind` for `chunk`, where `now` holds.
+    pub(crate) fn of(
+        run: &Run<'_>,
+        known: &Known<'_>,
+        kind: Kind,
+        chunk: [i32; 3],
+        now: &Stamp,
+        row_count: usize,
+    ) -> Self {
+        let Some((stamp, payload)) = run.files.work.read(kind, 0, chunk) else {
+            return Self::Nothing(Stale::Absent);
+        };
+        if let Some(stale) = stamp.difference(now) {
+            return Self::Nothing(stale);
+        }
+        let grid = run.parameters().grid;
+        let found = row_files::decode_found(&payload, row_count, known.set, &grid);
+        match (found, known.states.since(stamp.state, &known.cells)) {
+            (Some(found), Some(changes)) if changes.is_empty() && !found.has_lost.contains(&true) => {
+                Self::All(found.index)
+            }
+            (Some(found), Some(changes)) => Self::Earlier(found, changes),
+            _ => Self::Nothing(Stale::Absent),
+        }
+    }
+
+    /// All `units` of `per` rows each: as kept, or from `trace` where there is nothing, or a patch is gone, or
+    /// `is_concerned` by what changed.
+    pub(crate) fn renewed(
+        self,
+        (units, per): (usize, usize),
+        is_concerned: impl Fn(usize, &[RawRow], &Changes) -> bool + Sync,
+        trace: impl Fn(usize) -> Vec<RawRow> + Sync,
+    ) -> Renewal {
+        let (found, changes) = match self {
+            Self::Earlier(found, changes) => (found, changes),
+            Self::All(_) | Self::Nothing(_) => {
+                let rows: Vec<Vec<RawRow>> = (0..units).into_par_iter().map(&trace).collect();
+                let stale = if let Self::Nothing(stale) = self { stale } else { Stale::Absent };
+                let is_new = vec![true; units];
+                return Renewal { rows: rows.concat(), is_new, stale: Some(stale), index: None };
+            }
+        };
+        let unit = |unit: usize| {
+            let own = unit * per..(unit + 1) * per;
+            let has_lost = found.has_lost[own.clone()].contains(&true);
+            let is_new = has_lost || is_concerned(unit, &found.rows[own.clone()], &changes);
+            (if is_new { trace(unit) } else { found.rows[own].to_vec() }, is_new)
+        };
+        let (rows, is_new): (Vec<Vec<RawRow>>, Vec<bool>) = (0..units).into_par_iter().map(unit).unzip();
+        let renewed = is_new.iter().filter(|&&is_new| is_new).count() as u32;
+        let at = changes.example().to_array();
+        let stale = (renewed > 0).then_some(Stale::Part { renewed, of: units as u32, at });
+        let index = stale.is_none().then_some(found.index);
+        Renewal { rows: rows.concat(), is_new, stale, index }
+    }
+}
