@@ -7,12 +7,13 @@
 
 use crate::metrics::Metrics;
 use crate::observer::{TickLog, TickSample};
+use crate::pace::Pace;
 use crate::publish::Answered;
 use crate::solver_wish::SolverWish;
 use crate::takeover::{Attending, Takeover};
 use crate::tile_loader::TileRequests;
 use crate::world_watch::NextWorld;
-use earthshine_engine::{Command, Engine, EngineStats, Event, Frame, SessionId};
+use earthshine_engine::{Command, Engine, EngineStats, Event, Frame, Promise, SessionId};
 use earthshine_world::{Camera, ChunkId, LightRig, WorldIndex};
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -79,6 +80,8 @@ pub(crate) struct Opening {
 pub(crate) struct EngineReport {
     /// Its own counters.
     pub(crate) stats: EngineStats,
+    /// What it promises now.
+    pub(crate) promise: Arc<Promise>,
     /// Duration of the tick, s.
     pub(crate) tick_s: f64,
     /// The engine's clock, s.
@@ -171,6 +174,7 @@ struct Running {
     takeover: Option<Takeover>,
     events: Vec<Event>,
     commands: Vec<Command>,
+    pace: Pace,
 }
 
 impl EngineThread {
@@ -198,6 +202,7 @@ impl EngineThread {
             takeover: None,
             events: Vec::new(),
             commands: Vec::new(),
+            pace: Pace::new(1.0 / period.as_secs_f64().max(1e-6)),
         };
         let mut due = Instant::now();
         while !stop.load(Ordering::Acquire) {
@@ -239,21 +244,35 @@ impl Running {
         self.hear_of_worlds();
         self.collect_tiles();
         let events = std::mem::take(&mut self.events);
-        self.shell.engine.tick(time_s, events, &mut self.commands);
+        let done = self.shell.engine.tick(time_s, events, &mut self.commands).done;
         self.hand_out();
         self.take_over(time_s);
         let tick_s = began.elapsed().as_secs_f64();
+        self.keep_pace(tick_s, done.adds);
         self.shell.metrics.tick_seconds.observe(tick_s);
         let stats = self.shell.engine.stats();
         let missing_near = stats.sessions.iter().map(|session| session.missing_near).max().unwrap_or(0);
         self.shell.ticks.push(TickSample { time_s, tick_s, missing_near });
         self.shell.report.write(EngineReport {
             stats,
+            promise: Arc::clone(self.shell.engine.promise()),
             tick_s,
             time_s,
             tiles_pending: self.shell.requests.pending(),
             ticked: Some(Instant::now()),
         });
+    }
+
+    /// Has the engine promise what it can keep at the rate at which busy ticks really come.
+    fn keep_pace(&mut self, tick_s: f64, adds: u64) {
+        let adds_max = self.shell.engine.config().adds_per_tick_max;
+        if let Some(tick_rate_hz) = self.pace.note(tick_s, adds, adds_max) {
+            self.events.push(Event::Pace { tick_rate_hz });
+            tracing::info!(
+                tick_rate_hz,
+                "the promise counts on another rate of ticks: see the promised_ metrics"
+            );
+        }
     }
 
     fn collect_sessions(&mut self) {
@@ -315,6 +334,8 @@ impl Running {
         let Takeover { next, frames, turned_away, .. } = takeover;
         (self.shell.engine, self.shell.tiles, self.shell.requests) = (next.engine, next.tiles, next.requests);
         self.turned_away = turned_away;
+        // It has counted on the configured rate so far.
+        self.events.push(Event::Pace { tick_rate_hz: self.pace.told_hz() });
         self.shell.served.send_replace(next.index);
         for (session, frame) in frames {
             if let Some(client) = self.clients.get(&session)

@@ -36,6 +36,7 @@ mod lineage;
 mod listener;
 mod metrics;
 mod observer;
+mod pace;
 mod promise;
 mod publish;
 mod server;

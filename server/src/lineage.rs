@@ -1,16 +1,17 @@
 //! Parents of the patches that tiles lead to, looked up as tiles are read and shared between them.
 //!
-//! A row's columns may lie in chunks that are not in memory; the engine then asks for their coarse parents. They are
-//! kept for as long as some tile in memory needs them. What cannot be read is left out and said: a gap in far light.
+//! A row's columns may lie in chunks that are not in memory; the engine then asks for their coarse parents. They take two bytes a
+//! patch and the reading of two tiles, so they are kept while there is room, and for as long as some tile in memory needs
+//! them. What cannot be read is left out and said: a gap in far light.
 
 use earthshine_tiles::TileStore;
 use earthshine_world::lineage::{Lineage, Parents};
 use earthshine_world::{Chunk, ChunkId};
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError, Weak};
+use std::sync::{Arc, Mutex, PoisonError};
 
-/// Entries after which those that nobody needs any more are swept out.
-const SWEEP_EVERY: usize = 1024;
+/// Bytes after which entries that no tile in memory needs are swept out: 32 million patches.
+const KEPT_BYTES: usize = 64 << 20;
 
 /// What is known, for all loader threads.
 #[derive(Debug, Default)]
@@ -20,15 +21,27 @@ pub(crate) struct LineageCache {
 
 #[derive(Debug, Default)]
 struct Known {
-    parents: BTreeMap<ChunkId, Weak<[u16]>>,
-    sweep_at: usize,
+    parents: BTreeMap<ChunkId, Parents>,
+    bytes: usize,
+}
+
+impl Known {
+    fn insert(&mut self, id: ChunkId, parents: &Parents, bytes_max: usize) {
+        if self.parents.insert(id, Arc::clone(parents)).is_none() {
+            self.bytes += size_of_val(&**parents);
+        }
+        if self.bytes > bytes_max {
+            self.parents.retain(|_, parents| Arc::strong_count(parents) > 1);
+            self.bytes = self.parents.values().map(|parents| size_of_val(&**parents)).sum();
+        }
+    }
 }
 
 impl LineageCache {
-    /// The ancestors of every patch that the rows of `chunk` lead to.
+    /// The ancestors of every patch that the rows of `chunk` lead to, those of its receivers included.
     pub(crate) fn of(&self, store: &dyn TileStore, chunk: &Chunk) -> Arc<Lineage> {
         let mut lineage = Lineage::default();
-        for &segment in &chunk.rows.segments {
+        for &segment in chunk.rows.segments.iter().chain(&chunk.receivers.rows.segments) {
             let mut id = segment;
             while lineage.of(id).is_none()
                 && let Some(parents) = self.parents(store, id)
@@ -41,7 +54,7 @@ impl LineageCache {
     }
 
     fn parents(&self, store: &dyn TileStore, id: ChunkId) -> Option<Parents> {
-        let held = |known: &Known| known.parents.get(&id).and_then(Weak::upgrade);
+        let held = |known: &Known| known.parents.get(&id).cloned();
         let found = held(&self.known.lock().unwrap_or_else(PoisonError::into_inner));
         if found.is_some() {
             return found;
@@ -55,11 +68,29 @@ impl LineageCache {
             }
         };
         let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
-        known.parents.insert(id, Arc::downgrade(&read));
-        if known.parents.len() > known.sweep_at {
-            known.parents.retain(|_, parents| parents.strong_count() > 0);
-            known.sweep_at = known.parents.len() + SWEEP_EVERY;
-        }
+        known.insert(id, &read, KEPT_BYTES);
         Some(read)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use earthshine_world::ChunkCoord;
+
+    #[test]
+    fn what_no_tile_needs_goes_when_there_is_no_room() {
+        let mut known = Known::default();
+        let id = |x: i32| ChunkId::new(0, ChunkCoord::new(x, 0, 0));
+        let needed: Parents = vec![7u16; 100].into();
+        known.insert(id(0), &needed, 1000);
+        (1..5).for_each(|x| known.insert(id(x), &vec![0u16; 100].into(), 1000));
+        assert_eq!((known.parents.len(), known.bytes), (5, 1000), "there is room");
+        let newest: Parents = vec![0u16; 100].into();
+        known.insert(id(5), &newest, 1000);
+        assert_eq!(
+            (known.parents.keys().copied().collect::<Vec<_>>(), known.bytes),
+            (vec![id(0), id(5)], 400)
+        );
     }
 }

@@ -183,7 +183,8 @@ fn counters(counted: &Counters) -> Vec<(&'static str, &'static str, u64)> {
         ("chunks_given_up", "Chunks quarantined since the start", counted.quarantined),
         ("decoded_bytes", "Memory of all tiles taken", counted.bytes_decoded),
         ("patches_added", "Patches that entered a local matrix", counted.adds),
-        ("patches_removed", "Patches that left one", counted.removes),
+        ("patches_removed", "Patches that left one, one by one", counted.removes),
+        ("patches_cleared", "Patches that left one all together, after a jump", counted.cleared),
         ("weak_pivots", "Patches refused for a weak pivot", counted.weak_pivots),
         ("refused_adds", "Patches refused for another reason", counted.refused_adds),
         ("backend_failures", "Backends that failed", counted.backend_failures),
@@ -234,6 +235,11 @@ fn gauges(report: &EngineReport) -> Vec<(&'static str, &'static str, f64)> {
             "promised_speed_meters_per_second",
             "Up to which speed it holds",
             f64::from(stats.promised_speed_m_s),
+        ),
+        (
+            "promised_ticks_per_second",
+            "Rate of ticks that the promise counts on, as measured",
+            f64::from(stats.promised_tick_rate_hz),
         ),
         (
             "missing_near_patches",

@@ -44,21 +44,23 @@ impl TickLog {
 /// Sees what a [`Server`](crate::Server) does.
 #[derive(Debug, Clone)]
 pub struct Observer {
-    promise: Promise,
+    /// Of before the first tick.
+    promise: Arc<Promise>,
     report: Arc<SharedReport>,
     ticks: Arc<TickLog>,
 }
 
 impl Observer {
-    pub(crate) fn new(promise: Promise, report: Arc<SharedReport>, ticks: Arc<TickLog>) -> Self {
+    pub(crate) fn new(promise: Arc<Promise>, report: Arc<SharedReport>, ticks: Arc<TickLog>) -> Self {
         ticks.is_observed.store(true, Ordering::Relaxed);
         Self { promise, report, ticks }
     }
 
-    /// What the service promises.
+    /// What the service promises now: it follows the rate at which ticks come.
     #[must_use]
-    pub fn promise(&self) -> &Promise {
-        &self.promise
+    pub fn promise(&self) -> Arc<Promise> {
+        let report = self.report.read();
+        if report.ticked.is_some() { report.promise } else { Arc::clone(&self.promise) }
     }
 
     /// Ticks since this was asked last; after minutes the oldest are lost.
@@ -83,7 +85,7 @@ mod tests {
         let log = Arc::new(TickLog::default());
         let tick = |time_s| TickSample { time_s, tick_s: 0.01, missing_near: 0 };
         log.push(tick(1.0));
-        let observer = Observer::new(Promise::default(), Arc::default(), Arc::clone(&log));
+        let observer = Observer::new(Arc::default(), Arc::default(), Arc::clone(&log));
         assert_eq!(observer.take_ticks(), [], "nobody looked");
         (0..TICKS_KEPT + 5).for_each(|at| log.push(tick(at as f64)));
         let ticks = observer.take_ticks();

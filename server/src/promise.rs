@@ -4,7 +4,7 @@
 //! The formula is the engine's ([`earthshine_engine::promise`]); here is what it takes from disk.
 
 use crate::config::Config;
-use earthshine_engine::{Crowding, Means, Promise};
+use earthshine_engine::{Crowding, Engine, Means, Prospect};
 use earthshine_tiles::{DirStore, TileError};
 use earthshine_world::{ChunkCoord, ChunkId, ChunkSummary, Patch, Vec3, WorldIndex};
 use std::collections::BTreeMap;
@@ -14,13 +14,14 @@ const CROWDED_CHUNKS: usize = 8;
 /// Places looked from in each of them.
 const PLACES_PER_CHUNK: usize = 48;
 
-/// What is promised for the world of `store`. A tile that cannot be read here costs a better guess, nothing else.
-pub(crate) fn promise(config: &Config, index: &WorldIndex, store: &DirStore) -> Promise {
+/// Has `engine` keep what is promised for the world of `store`, as long as ticks come at the configured rate. A tile that cannot
+/// be read here costs a better guess, nothing else.
+pub(crate) fn promising(engine: Engine, config: &Config, index: &WorldIndex, store: &DirStore) -> Engine {
     let means = Means {
         tick_rate_hz: config.tick_rate_hz as f32,
         tile_bytes_per_s: (config.tile_rate_mb_s * 1e6) as f32,
     };
-    Promise::of(index, &config.engine, &crowding(index, store), means)
+    engine.with_promise(Prospect::of(index, &config.engine, crowding(index, store)), means)
 }
 
 fn crowding(index: &WorldIndex, store: &DirStore) -> Crowding {

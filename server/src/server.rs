@@ -92,9 +92,9 @@ impl Server {
         let index = store.manifest().index();
         let backends = Backends::open(&config)?;
         let solving = backends.solving(&config.engine.solver);
-        let engine = Engine::new(index.clone(), config.engine.clone(), solving)
-            .map_err(ServerError::Index)?
-            .with_promise(promise::promise(&config, &index, &store));
+        let engine =
+            Engine::new(index.clone(), config.engine.clone(), solving).map_err(ServerError::Index)?;
+        let engine = promise::promising(engine, &config, &index, &store);
         let (listener, local_addr) = bind("listen", config.listen).await?;
         let (admin, admin_addr) = bind("admin_listen", config.admin_listen).await?;
         let world = world_name(&config.world);
@@ -143,7 +143,7 @@ impl Server {
     /// Sees every tick from now on.
     #[must_use]
     pub fn observer(&self) -> Observer {
-        Observer::new(self.promise().clone(), Arc::clone(&self.report), Arc::clone(&self.ticks))
+        Observer::new(Arc::clone(self.engine.promise()), Arc::clone(&self.report), Arc::clone(&self.ticks))
     }
 
     /// What it promises: light of level 0 inside a radius, up to a speed.

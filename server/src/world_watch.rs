@@ -8,7 +8,7 @@ use crate::backends::Backends;
 use crate::config::Config;
 use crate::config::load::seconds;
 use crate::metrics::Metrics;
-use crate::promise::promise;
+use crate::promise::promising;
 use crate::tile_loader::{TileLoader, TileRequests};
 use earthshine_engine::{Engine, EngineError, Event};
 use earthshine_tiles::{DirStore, Manifest, TileError, TileStore};
@@ -123,9 +123,9 @@ impl WorldWatch {
         }
         let config = &self.config;
         let index = Arc::new(manifest.index());
-        let promised = promise(config, &index, &store);
         let backends = self.backends.solving(&config.engine.solver);
-        let engine = Engine::new((*index).clone(), config.engine.clone(), backends)?.with_promise(promised);
+        let engine = Engine::new((*index).clone(), config.engine.clone(), backends)?;
+        let engine = promising(engine, config, &index, &store);
         let (answers, tiles) = std::sync::mpsc::sync_channel(config.tile_queue as usize);
         let store: Arc<dyn TileStore> = Arc::new(store);
         let requests_max = config.engine.tiles_in_flight_max;

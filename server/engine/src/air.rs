@@ -2,21 +2,23 @@
 //! resident patches.
 //!
 //! A receiver holds no slot. Its irradiance is one sparse gather over what leaves the resident patches
-//! (`B = E + rho I`), plus the sky its row sees; columns that hold no slot are far and bring no
-//! light: coarser views feed patches alone. Detail stands for parts of a patch: it speaks only where its patch is resident,
+//! (`B = E + rho I`), plus the sky its row sees; for columns of the air that hold no slot their coarse parents stand in, as they
+//! do for patches. Detail stands for parts of a patch: it speaks only where its patch is resident,
 //! and has as much light from afar, for its far share, as that has. Whenever the light of the patches has changed all receivers are out of date; a tick gathers as many as its
 //! budget allows, those whose turn was longest ago first and among equals the nearest.
 
 use crate::chunks::ChunkTable;
+use crate::far::FarSenders;
 use crate::local_set::{LocalSet, Resident};
-use crate::slots::{FREE, split_row, visit_row};
+use crate::slots::{FREE, parts_of_row};
 use crate::{EngineConfig, PatchLight};
-use earthshine_world::{Chunk, ChunkId, Direction, LightRig, Rgb, Vec3, VoxelCoord};
+use earthshine_world::lineage::Lineage;
+use earthshine_world::{Chunk, ChunkId, Direction, LightRig, Rgb, Vec3, Vec4, VoxelCoord};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// A receiver that rests on less than this share of its row says nothing: half of a room is not its light.
+/// A receiver that rests on less than this share of its row, what coarse levels bring included, says nothing: half of a room is not its light.
 const KNOWN_SHARE_MIN: f32 = 0.5;
 
 /// How far the focus moves before other voxels are chosen, in voxels.
@@ -26,6 +28,7 @@ const STEP_VOXELS: f32 = 0.5;
 #[derive(Debug)]
 struct AirVoxel {
     chunk: Arc<Chunk>,
+    lineage: Arc<Lineage>,
     /// Rows of its receivers in the chunk.
     rows: Range<usize>,
     /// Generation of the patches' light that `lights` were gathered from; 0 for none yet.
@@ -67,6 +70,14 @@ struct Near<'a> {
     key: AirKey,
     end: usize,
     voxel: VoxelCoord,
+}
+
+/// One segment of a chunk's rows.
+struct Segment<'a> {
+    /// By patch, or none.
+    slots: &'a [u32],
+    /// Where what stands for its patches is listed.
+    senders: usize,
 }
 
 /// What receivers gather from.
@@ -117,7 +128,10 @@ impl AirSet {
                 .filter(|kept| Arc::ptr_eq(&kept.chunk, candidate.chunk) && kept.has_detail == has_detail);
             let chunk = || Arc::clone(candidate.chunk);
             let (lights, details) = (Vec::new(), Vec::new());
-            let fresh = || AirVoxel { chunk: chunk(), rows, lit: 0, lights, details, has_detail };
+            let lineage =
+                || table.tile(candidate.key.0).map(|tile| Arc::clone(&tile.lineage)).unwrap_or_default();
+            let fresh =
+                || AirVoxel { chunk: chunk(), lineage: lineage(), rows, lit: 0, lights, details, has_detail };
             self.voxels.insert(candidate.key, kept.unwrap_or_else(fresh));
         }
         self.nearest_first = near.iter().map(|candidate| candidate.key).collect();
@@ -153,8 +167,15 @@ impl AirSet {
         self.voxels.len()
     }
 
-    /// Gathers until `rows_max` rows are spent, one voxel at least. Returns the rows spent.
-    pub(crate) fn gather(&mut self, local: &LocalSet, rig: &LightRig, rows_max: u32) -> u32 {
+    /// Gathers from `local`, and from what stands for patches beyond it, until `rows_max` rows are spent, one voxel at least.
+    /// Returns the rows spent.
+    pub(crate) fn gather(
+        &mut self,
+        local: &LocalSet,
+        mut far: FarSenders<'_>,
+        rig: &LightRig,
+        rows_max: u32,
+    ) -> u32 {
         if self.stale == 0 {
             return 0;
         }
@@ -165,17 +186,22 @@ impl AirSet {
             .collect();
         turn.sort_unstable();
         let mut spent = 0u32;
-        let mut segments: BTreeMap<ChunkId, Vec<&[u32]>> = BTreeMap::new();
+        let mut chunks: BTreeMap<ChunkId, Vec<Segment<'_>>> = BTreeMap::new();
         for (_, place) in turn {
             let voxel = self.voxels.get_mut(&self.nearest_first[place]).expect("a planned voxel is there");
             let cost = u32::try_from(voxel.rows.len()).unwrap_or(u32::MAX);
             if spent > 0 && spent.saturating_add(cost) > rows_max {
                 break;
             }
-            let chunk = &voxel.chunk;
-            let segments =
-                segments.entry(chunk.id).or_insert_with(|| local.segment_slots(&chunk.receivers.rows));
-            let (lights, details) = sources.gathered(voxel, segments);
+            let (chunk, lineage) = (&voxel.chunk, &voxel.lineage);
+            let segments = chunks.entry(chunk.id).or_insert_with(|| {
+                let slots = local.segment_slots(&chunk.receivers.rows);
+                let ids = chunk.receivers.rows.segments.iter();
+                ids.zip(slots)
+                    .map(|(&id, slots)| Segment { slots, senders: far.place(id, lineage) })
+                    .collect()
+            });
+            let (lights, details) = sources.gathered(voxel, segments, far.sent());
             self.has_news |= lights != voxel.lights || details != voxel.details;
             (voxel.lights, voxel.details) = (lights, details);
             voxel.lit = self.generation;
@@ -259,38 +285,64 @@ impl<'a> Sources<'a> {
     }
 
     /// Light of the receivers of `voxel`, of its air and of its detail voxels.
-    fn gathered(&self, voxel: &AirVoxel, segments: &[&[u32]]) -> (Vec<PatchLight>, Vec<PatchLight>) {
+    fn gathered(
+        &self,
+        voxel: &AirVoxel,
+        segments: &[Segment<'_>],
+        far: &[Vec<Vec4>],
+    ) -> (Vec<PatchLight>, Vec<PatchLight>) {
         let (mut lights, mut details) = (Vec::new(), Vec::new());
         for row in voxel.rows.clone() {
             let place = voxel.chunk.receivers.places[row];
             let Some(detail) = place.detail else {
-                let light = self.light(&voxel.chunk, row, segments);
-                lights.extend((light.known_share >= KNOWN_SHARE_MIN).then_some(light));
+                let (light, far_light) = self.light(&voxel.chunk, row, segments, far);
+                let light = PatchLight {
+                    irradiance: finite(light.irradiance + far_light.truncate()),
+                    fed_share: far_light.w.clamp(0.0, 1.0),
+                    ..light
+                };
+                lights.extend((light.known_share + light.fed_share >= KNOWN_SHARE_MIN).then_some(light));
                 continue;
             };
             let slot = self.by_place.get(&(place.voxel.to_array(), place.direction));
             let Some(&slot) = slot.filter(|_| voxel.has_detail) else { continue };
             let resident = self.local.resident(slot);
-            let light = fed_as(resident, self.light(&voxel.chunk, row, segments));
+            let light = fed_as(resident, self.light(&voxel.chunk, row, segments, far).0);
             let (voxel, plane_offset) = (detail.coord(light.voxel, self.detail), Some(detail.plane_offset()));
             details.push(PatchLight { voxel, plane_offset, ..light });
         }
         (lights, details)
     }
 
-    /// Light of the receiver in row `row`, without that of far columns.
-    fn light(&self, chunk: &Chunk, row: usize, segments: &[&[u32]]) -> PatchLight {
+    /// Light of the receiver in row `row`, without that of far columns; and that, with how much of the row it stands for.
+    fn light(
+        &self,
+        chunk: &Chunk,
+        row: usize,
+        segments: &[Segment<'_>],
+        far_senders: &[Vec<Vec4>],
+    ) -> (PatchLight, Vec4) {
         let rows = &chunk.receivers.rows;
-        let parts = split_row(segments, rows, row);
-        let mut irradiance = Rgb::ZERO;
-        visit_row(segments, rows, row, |slot, share| {
-            if slot != FREE {
-                irradiance += share * self.exitance[slot as usize];
+        let (mut resident, mut far) = (0.0f64, 0.0f64);
+        let (mut irradiance, mut far_light) = (Rgb::ZERO, Vec4::ZERO);
+        for (column, share) in rows.row(row) {
+            let (segment, patch) = (&segments[usize::from(column.segment)], usize::from(column.local));
+            match segment.slots.get(patch) {
+                Some(&slot) if slot != FREE => {
+                    resident += f64::from(share);
+                    irradiance += share * self.exitance[slot as usize];
+                }
+                _ => {
+                    far += f64::from(share);
+                    far_light +=
+                        share * far_senders[segment.senders].get(patch).copied().unwrap_or(Vec4::ZERO);
+                }
             }
-        });
+        }
+        let parts = parts_of_row(rows, row, resident, far);
         let sky = self.rig.sky.irradiance(&rows.sky_shares[row]);
         let place = chunk.receivers.places[row];
-        PatchLight {
+        let light = PatchLight {
             voxel: place.voxel,
             direction: place.direction,
             irradiance: finite(irradiance + sky),
@@ -298,18 +350,18 @@ impl<'a> Sources<'a> {
             plane_offset: None,
             known_share: parts.known(),
             far_share: parts.far.clamp(0.0, 1.0),
-            // Far columns of receivers in the air are a gap, for now.
             fed_share: 0.0,
-        }
+        };
+        (light, far_light)
     }
 }
 
 /// `light` of a detail voxel with what comes from afar to the patch that it is part of, for its own far share.
 fn fed_as(patch: &Resident, light: PatchLight) -> PatchLight {
-    if patch.parts.far <= 0.0 {
+    if patch.parts().far <= 0.0 {
         return light;
     }
-    let ratio = light.far_share / patch.parts.far;
+    let ratio = light.far_share / patch.parts().far;
     PatchLight {
         irradiance: finite(light.irradiance + patch.light.far_irradiance * ratio),
         fed_share: (patch.fed_share * ratio).clamp(0.0, light.far_share),

@@ -19,6 +19,11 @@ impl Budget {
         Self { left: most }
     }
 
+    /// What is left.
+    pub(crate) fn left(self) -> u32 {
+        self.left
+    }
+
     /// The share of whoever's turn it is, rounded up: what it leaves goes to the others.
     pub(crate) fn share(self, weight: Weight) -> u32 {
         let share = (u64::from(self.left) * weight.own).div_ceil(weight.waiting.max(1));

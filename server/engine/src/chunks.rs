@@ -259,7 +259,8 @@ impl ChunkTable {
     /// cameras have been.
     fn make_spare(&mut self, id: ChunkId) {
         self.spare.insert(id);
-        self.casters[usize::from(id.level)].remove(id);
+        let tile = self.entries[&id].tile.as_ref().expect("a spare chunk is in memory");
+        self.casters[usize::from(id.level)].remove(id, &tile.occluders);
     }
 
     /// Unwanted: Decoded becomes spare, Resident starts to leave. Returns whether a request has to be cancelled.

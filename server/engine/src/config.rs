@@ -69,6 +69,7 @@ pub struct EngineConfig {
     pub view_bias: f32,
     /// Patches added a tick, over all sessions, at least 1. Each costs O(M^2), less in larger batches.
     ///
+    /// While a local matrix is partly empty adds are cheaper, and up to [`Self::CHEAPER_ADDS_LIMIT`] count as one.
     /// - Higher: light arrives sooner after a jump; longer ticks.
     pub adds_per_tick_max: u32,
     /// Patches removed a tick, over all sessions, at least 1. Each costs O(M^2), less in larger batches.
@@ -167,6 +168,8 @@ impl EngineConfig {
     pub const DETAIL_VOXELS_LIMIT: u32 = 32_768;
     /// Largest `receiver_voxels_max`: with the largest resident set a delta is still one message.
     pub const RECEIVER_VOXELS_LIMIT: u32 = 16_384;
+    /// Most adds that are counted as one: adds to a matrix that is mostly empty are cheap.
+    pub const CHEAPER_ADDS_LIMIT: u32 = 8;
     /// Largest `sessions_max`.
     pub const SESSIONS_LIMIT: u32 = 1024;
     /// Load radii ahead of a camera at which tiles are asked for at most.

@@ -7,9 +7,10 @@ use crate::chunks::ChunkTable;
 use crate::engine::Engine;
 use crate::levels::LevelPlan;
 use crate::local_set::LocalSet;
-use crate::promise::Promise;
+use crate::promise::{Means, Promise, Prospect};
 use crate::stats::LEVELS;
 use earthshine_world::{PatchId, Vec3};
+use std::sync::Arc;
 
 /// Patches of one level within `radius_m` of `position` that hold no slot of `local`.
 ///
@@ -41,17 +42,28 @@ pub(crate) fn missing_near(
 }
 
 impl Engine {
-    /// Holds every tick against `promise` from now on.
+    /// Holds every tick from now on against what `prospect` promises with `means`.
     #[must_use]
-    pub fn with_promise(mut self, promise: Promise) -> Self {
-        self.promise = promise;
+    pub fn with_promise(mut self, prospect: Prospect, means: Means) -> Self {
+        self.promise = Arc::new(prospect.promise(means));
+        self.prospect = Some(prospect);
         self
     }
 
-    /// What every tick is held against.
+    /// What every tick is held against now.
     #[must_use]
-    pub fn promise(&self) -> &Promise {
+    pub fn promise(&self) -> &Arc<Promise> {
         &self.promise
+    }
+
+    /// Promises what can be kept at another rate of ticks.
+    pub(crate) fn take_pace(&mut self, tick_rate_hz: f32) {
+        if !(tick_rate_hz.is_finite() && tick_rate_hz > 0.0) {
+            self.counters.ignored.paces += 1;
+        } else if let Some(prospect) = &self.prospect {
+            let means = Means { tick_rate_hz, ..self.promise.means };
+            self.promise = Arc::new(prospect.promise(means));
+        }
     }
 
     /// Counts what the cameras lack within the promised radius, which doubles with each level.

@@ -1,21 +1,27 @@
 //! The one place that asks `earthshine-light` for direct light.
 //!
-//! It owns the shadow casters of all chunks in memory and says when they have changed; which slots are lit again,
+//! It owns the shadow casters of all chunks in memory and says when and where they have changed; which slots are lit again,
 //! and when, is [`crate::relight`]'s business.
 
 use earthshine_light::{OccluderSet, Occluders, direct_irradiance};
 use earthshine_world::random::{Purpose, hash};
-use earthshine_world::{ChunkId, Light, OccluderMesh, Patch, Rgb, SamplePoint};
+use earthshine_world::{Bounds, ChunkId, Light, OccluderMesh, Patch, Rgb, SamplePoint};
+use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// How far shadow rays start off their surface at least, in voxel edges.
 const RAY_EPSILON_VOXELS: f32 = 1e-3;
+
+/// Changes remembered: more than tiles come and go between two looks of a session.
+const CHANGES_KEPT: usize = 256;
 
 /// Shadow casters of every chunk of one level whose tile is in memory.
 #[derive(Debug)]
 pub(crate) struct ShadowCasters {
     set: OccluderSet,
     generation: u64,
+    /// The newest changes, the last of which made the present generation.
+    changes: VecDeque<Bounds>,
     seed: u64,
     ray_epsilon_m: f32,
 }
@@ -23,12 +29,33 @@ pub(crate) struct ShadowCasters {
 impl ShadowCasters {
     pub(crate) fn new(seed: u64, level: u8, voxel_edge_m: f32) -> Self {
         let voxels = OccluderMesh::displacement_voxels(level).max(RAY_EPSILON_VOXELS);
-        Self { set: OccluderSet::new(), generation: 0, seed, ray_epsilon_m: voxels * voxel_edge_m }
+        Self {
+            set: OccluderSet::new(),
+            generation: 0,
+            changes: VecDeque::new(),
+            seed,
+            ray_epsilon_m: voxels * voxel_edge_m,
+        }
     }
 
-    /// Counts changes: light computed at an earlier generation is out of date.
+    /// Counts changes.
     pub(crate) fn generation(&self) -> u64 {
         self.generation
+    }
+
+    /// What came or went after `generation`; nothing if that was too long ago to tell.
+    pub(crate) fn changes_since(&self, generation: u64) -> Option<impl Iterator<Item = &Bounds>> {
+        let count = usize::try_from(self.generation.checked_sub(generation)?).ok()?;
+        let first = self.changes.len().checked_sub(count)?;
+        Some(self.changes.range(first..))
+    }
+
+    fn has_changed(&mut self, where_to: Bounds) {
+        self.generation += 1;
+        if self.changes.len() == CHANGES_KEPT {
+            self.changes.pop_front();
+        }
+        self.changes.push_back(where_to);
     }
 
     /// Chunks that cast shadows.
@@ -39,16 +66,18 @@ impl ShadowCasters {
     /// A tile came. One without triangles changes no shadow and is left out.
     pub(crate) fn insert(&mut self, chunk: ChunkId, occluders: Arc<Occluders>) {
         if occluders.triangle_count() > 0 {
+            self.has_changed(occluders.bounds());
             self.set.insert(chunk, occluders);
-            self.generation += 1;
         }
     }
 
-    /// A tile went.
-    pub(crate) fn remove(&mut self, chunk: ChunkId) {
+    /// A tile with `occluders` went.
+    pub(crate) fn remove(&mut self, chunk: ChunkId, occluders: &Occluders) {
         let before = self.set.len();
         self.set.remove(chunk);
-        self.generation += u64::from(self.set.len() != before);
+        if self.set.len() != before {
+            self.has_changed(occluders.bounds());
+        }
     }
 
     /// Irradiance on `patch` from delta lights, lx: the same bits for the same lights, casters and seed.

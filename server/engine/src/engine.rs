@@ -5,9 +5,9 @@ use crate::chunks::{ChunkTable, Failure};
 use crate::config::EngineConfig;
 use crate::error::EngineError;
 use crate::intake::{Arrival, Intake};
-use crate::level_view::{LevelView, Swaps, WantedChunk};
+use crate::level_view::WantedChunk;
 use crate::local_set::LocalSet;
-use crate::promise::Promise;
+use crate::promise::{Promise, Prospect};
 use crate::residency::ChunkState;
 use crate::schedule::{next_requests, wanted_chunks};
 use crate::session::Session;
@@ -25,7 +25,7 @@ pub type BackendFactory = Box<dyn FnMut(u32) -> Result<Box<dyn Backend>, Backend
 
 /// The state machine. One thread calls it; it never waits.
 pub struct Engine {
-    config: EngineConfig,
+    pub(crate) config: EngineConfig,
     backends: BackendFactory,
     /// What a session is lit by before it says otherwise.
     world_lights: LightRig,
@@ -36,8 +36,11 @@ pub struct Engine {
     are_wants_old: bool,
     /// Tiles that have come and are not taken yet.
     pub(crate) intake: Intake,
-    /// What is held against every tick.
-    pub(crate) promise: Promise,
+    /// What is held against every tick, and what it is computed from.
+    pub(crate) promise: Arc<Promise>,
+    pub(crate) prospect: Option<Prospect>,
+    /// What the view whose turn it was last had had of swaps; see [`LevelView::had`].
+    pub(crate) swaps_had: u64,
     pub(crate) now_s: f64,
     pub(crate) counters: Counters,
 }
@@ -100,7 +103,9 @@ impl Engine {
             wanted: Vec::new(),
             are_wants_old: false,
             intake: Intake::default(),
-            promise: Promise::default(),
+            promise: Arc::default(),
+            prospect: None,
+            swaps_had: 0,
             now_s: 0.0,
             counters: Counters::default(),
         })
@@ -151,6 +156,7 @@ impl Engine {
             decoded_bytes: self.chunks.decoded_bytes(),
             promised_radius_m: self.promise.radius_m,
             promised_speed_m_s: self.promise.speed_m_s,
+            promised_tick_rate_hz: self.promise.means.tick_rate_hz,
             spare_chunks: u32::try_from(self.chunks.spare().len()).unwrap_or(u32::MAX),
             sessions: self.sessions.values().map(Session::stats).collect(),
         }
@@ -174,6 +180,7 @@ impl Engine {
             Event::Camera { session, camera } => self.take_camera(session, &camera),
             Event::Lights { session, lights } => self.take_lights(session, lights),
             Event::Solver { solver } => self.take_solver(solver),
+            Event::Pace { tick_rate_hz } => self.take_pace(tick_rate_hz),
             Event::TileDecoded { chunk, occluders, lineage } => self.take_tile(chunk, lineage, occluders),
             Event::TileFailed { chunk, cause } => {
                 if self.chunks.awaits(chunk) && !self.intake.holds(chunk) {
@@ -353,64 +360,6 @@ impl Engine {
         }
     }
 
-    /// Swaps patches under the budgets. Returns what is left of the budget for direct light.
-    fn swap_patches(&mut self) -> Budget {
-        // New patches are lit as they come, for half of the budget: the other half follows moving lights.
-        let mut for_light = Budget::new(self.config.shadow_points_per_tick_max);
-        let mut adds = Budget::new(self.config.adds_per_tick_max);
-        let mut removals = Budget::new(self.config.removals_per_tick_max);
-        let mut shadow_points = Budget::new(self.config.shadow_points_per_tick_max.div_ceil(2));
-        let tick = self.counters.ticks;
-        let waiting = self.views_where(|_, view| view.wants_swaps());
-        for ((id, level), weight) in with_weights(&waiting) {
-            let session = self.sessions.get_mut(&id).expect("waiting sessions are open");
-            let most = Swaps {
-                adds: adds.share(weight),
-                removals: removals.share(weight),
-                shadow_points: shadow_points.share(weight),
-            };
-            let view = &mut session.views[usize::from(level)];
-            match view.swap(&mut self.chunks, &session.lighting, most, tick, &mut self.counters) {
-                Ok(done) => {
-                    adds.spend(done.adds);
-                    removals.spend(done.removals);
-                    shadow_points.spend(done.shadow_points);
-                    for_light.spend(done.shadow_points);
-                }
-                Err(error) => self.lose_backend(id, &error),
-            }
-        }
-        for_light
-    }
-
-    /// Lights what is out of date, each view for its share of `budget`.
-    fn refresh_direct(&mut self, mut budget: Budget) {
-        let chunks = &self.chunks;
-        let waiting = self.views_where(|session, view| view.stale_count(chunks, &session.lighting) > 0);
-        let tick = self.counters.ticks;
-        for ((id, level), weight) in with_weights(&waiting) {
-            let session = self.sessions.get_mut(&id).expect("waiting sessions are open");
-            let view = &mut session.views[usize::from(level)];
-            let (most, lighting) = (budget.share(weight), &session.lighting);
-            budget.spend(view.refresh_direct(&self.chunks, lighting, most, tick, &mut self.counters));
-        }
-    }
-
-    /// Every view that `waits`: coarse levels first, which leave what they do not need to level 0; among those another session
-    /// is first each tick, so that none starves.
-    fn views_where(&self, waits: impl Fn(&Session, &LevelView) -> bool) -> Vec<(SessionId, u8)> {
-        let sessions: Vec<_> = self.sessions.values().collect();
-        let sessions = rotated(&sessions, self.counters.ticks);
-        let mut found = Vec::new();
-        for is_coarse in [true, false] {
-            for &session in &sessions {
-                let views = session.views.iter().filter(|view| (view.level > 0) == is_coarse);
-                found.extend(views.filter(|view| waits(session, view)).map(|view| (session.id, view.level)));
-            }
-        }
-        found
-    }
-
     /// Advances the light of every session and publishes what is new. Returns whether all are settled.
     fn finish(&mut self, commands: &mut Vec<Command>) -> bool {
         let tick = self.counters.ticks;
@@ -459,7 +408,7 @@ impl Engine {
     }
 
     /// A backend failed: everything on it is gone, and a fresh one is filled again.
-    fn lose_backend(&mut self, id: SessionId, error: &BackendError) {
+    pub(crate) fn lose_backend(&mut self, id: SessionId, error: &BackendError) {
         tracing::warn!(session = id.0, %error, "a backend failed and is replaced");
         self.counters.backend_failures += 1;
         if let Some(session) = self.sessions.get_mut(&id) {
@@ -467,19 +416,4 @@ impl Engine {
             session.backend_retry_at_s = self.now_s + self.config.retry_after_s;
         }
     }
-}
-
-/// Parts of a budget that a view of level 0 gets, to one of a coarse view: level 0 is what is promised.
-pub(crate) const FINEST_PARTS: u64 = 4;
-
-/// Views in the order given, each with its part of what is left when its turn comes.
-fn with_weights(waiting: &[(SessionId, u8)]) -> Vec<((SessionId, u8), Weight)> {
-    let parts = |level: u8| if level == 0 { FINEST_PARTS } else { 1 };
-    let mut left: u64 = waiting.iter().map(|&(_, level)| parts(level)).sum();
-    let weigh = |&(id, level): &(SessionId, u8)| {
-        let weight = Weight { own: parts(level), waiting: left };
-        left -= weight.own;
-        ((id, level), weight)
-    };
-    waiting.iter().map(weigh).collect()
 }

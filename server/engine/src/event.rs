@@ -41,13 +41,19 @@ pub enum Event {
         /// How.
         solver: SolverConfig,
     },
+    /// How fast ticks come while there is much to do: the promise counts on it from now on. A rate that cannot be is ignored
+    /// and counted.
+    Pace {
+        /// Ticks a second, above zero.
+        tick_rate_hz: f32,
+    },
     /// A requested tile is here, verified and decoded.
     TileDecoded {
         /// What it held.
         chunk: Arc<Chunk>,
         /// Its shadow casters, ready for rays: built by the loader, off the engine's thread.
         occluders: Arc<earthshine_light::Occluders>,
-        /// Parents of the patches of every chunk that its rows lead to, and of those parents, up to the top. A chunk
+        /// Parents of the patches of every chunk that its rows and its receivers' lead to, and of those parents, up to the top. A chunk
         /// that is missing here has no parents: its far light is a gap.
         lineage: Arc<Lineage>,
     },

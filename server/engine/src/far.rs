@@ -1,13 +1,14 @@
 //! Far light of one local set: which coarse parents stand for the columns that are not resident, and what they send.
 //!
-//! Each slot keeps its far columns summed by parent, one level up. A parent's exitance is known where some coarser view of
+//! Each slot keeps its far columns summed by parent, one level up ([`crate::row_split`]). A parent's exitance is known where some coarser view of
 //! the session holds it; else its own parent stands for it, and so on up to the top. What no view holds is a gap: it
 //! brings no light, is counted, and is never given to the sky. Coupling goes one way, coarse to fine.
 
 use crate::local_set::LocalSet;
-use crate::slots::{FREE, SlotTable, parts_of_row};
+use crate::row_split::{NOBODY, RowSplit};
+use crate::slots::{FREE, SlotTable};
 use earthshine_world::lineage::{Lineage, Parents};
-use earthshine_world::{Chunk, ChunkId, Rgb, RowParts, Vec4};
+use earthshine_world::{Chunk, ChunkId, Rgb, Vec4};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -19,7 +20,7 @@ pub(crate) struct FarShare {
     /// The parent in its chunk.
     parent: u16,
     /// Sum of the form factors of its children that are not resident.
-    pub(crate) share: f32,
+    pub(crate) share: f64,
 }
 
 /// Where the columns of one segment have their parents.
@@ -48,9 +49,9 @@ pub(crate) struct FarField {
     by_chunk: BTreeMap<ChunkId, u32>,
     /// Where the parents of each block begin in a list of all parents.
     starts: Vec<u32>,
-    /// Scratch of [`Self::split`]: sums by parent, zero between calls, and which are not.
-    sums: Vec<f64>,
-    summed: Vec<(u32, u16)>,
+    parent_count: usize,
+    /// Scratch of [`Self::split`]: places in the row's list by parent, [`NOBODY`] between calls.
+    places: Vec<u32>,
 }
 
 impl FarField {
@@ -111,7 +112,8 @@ impl FarField {
             self.starts.push(u32::try_from(next).expect("fewer parents than patches in memory see"));
             next += block.as_ref().map_or(0, |block| block.parent_count);
         }
-        self.sums.resize(next, 0.0);
+        self.parent_count = next;
+        self.places.resize(next, NOBODY);
     }
 
     /// Users of all blocks: the segments with parents of all tables.
@@ -119,47 +121,45 @@ impl FarField {
         self.blocks.iter().flatten().map(|block| block.users).sum()
     }
 
-    /// How row `local` of `table`'s chunk splits, and its far columns by parent, in the order in which the row names them
-    /// first. Columns without a known parent are far, and nobody's.
-    pub(crate) fn split(
-        &mut self,
-        table: &SlotTable,
-        segments: &[&[u32]],
-        local: usize,
-    ) -> (RowParts, Vec<FarShare>) {
+    /// How row `local` of `table`'s chunk splits. Columns without a known parent are far, and nobody's.
+    pub(crate) fn split(&mut self, table: &SlotTable, segments: &[&[u32]], local: usize) -> RowSplit {
         let rows = &table.chunk.rows;
-        let (mut resident, mut far) = (0.0f64, 0.0f64);
+        let mut split =
+            RowSplit { parent_of: Vec::with_capacity(rows.row(local).len()), ..RowSplit::default() };
         for (column, share) in rows.row(local) {
             let (segment, place) = (usize::from(column.segment), usize::from(column.local));
             let share = f64::from(share);
-            if segments[segment].get(place).is_some_and(|&slot| slot != FREE) {
-                resident += share;
+            let is_resident = segments[segment].get(place).is_some_and(|&slot| slot != FREE);
+            *(if is_resident { &mut split.resident } else { &mut split.far }) += share;
+            let parent = table.far_segments[segment]
+                .as_ref()
+                .and_then(|FarSegment { block, parents }| Some((*block, *parents.get(place)?)));
+            let Some((block, parent)) = parent else {
+                split.parent_of.push(NOBODY);
                 continue;
+            };
+            let at = &mut self.places[self.starts[block as usize] as usize + usize::from(parent)];
+            if *at == NOBODY {
+                *at = u32::try_from(split.parents.len()).expect("a row has fewer columns than that");
+                split.parents.push(FarShare { block, parent, share: 0.0 });
             }
-            far += share;
-            let Some(FarSegment { block, parents }) = &table.far_segments[segment] else { continue };
-            let Some(&parent) = parents.get(place).filter(|_| share > 0.0) else { continue };
-            let sum = &mut self.sums[self.starts[*block as usize] as usize + usize::from(parent)];
-            if *sum == 0.0 {
-                self.summed.push((*block, parent));
+            split.parent_of.push(*at);
+            if !is_resident {
+                split.parents[*at as usize].share += share;
             }
-            *sum += share;
         }
-        let shares = self.summed.drain(..).map(|(block, parent)| {
-            let at = self.starts[block as usize] as usize + usize::from(parent);
-            FarShare { block, parent, share: std::mem::take(&mut self.sums[at]) as f32 }
-        });
-        let shares = shares.collect();
-        (parts_of_row(rows, local, resident, far), shares)
+        for far in &split.parents {
+            self.places[self.starts[far.block as usize] as usize + usize::from(far.parent)] = NOBODY;
+        }
+        split
     }
 
     /// What each parent sends (red, green, blue, and one if that is known, else all zero), in the list of all parents.
     fn sent(&self, coarser: &[Option<&LocalSet>]) -> Vec<Vec4> {
-        let exitances: Vec<Vec<Rgb>> =
-            coarser.iter().map(|view| view.map(LocalSet::exitances).unwrap_or_default()).collect();
-        let mut sent = Vec::with_capacity(self.sums.len());
+        let exitances = exitances_of(coarser);
+        let mut sent = Vec::with_capacity(self.parent_count);
         for block in self.blocks.iter().flatten() {
-            let ancestry = Ancestry::of(block, coarser, &exitances);
+            let ancestry = Ancestry::of(block.chunk, &block.lineage, coarser, &exitances);
             sent.extend(
                 (0..block.parent_count).map(|parent| {
                     ancestry.exitance(parent).map_or(Vec4::ZERO, |exitance| exitance.extend(1.0))
@@ -181,13 +181,18 @@ struct Generation<'a> {
 struct Ancestry<'a>(Vec<Generation<'a>>);
 
 impl<'a> Ancestry<'a> {
-    fn of(block: &'a Block, coarser: &[Option<&'a LocalSet>], exitances: &'a [Vec<Rgb>]) -> Self {
-        let mut chunk = block.chunk;
+    /// Of the patches of `chunk`, which is of the level of the first of `coarser`.
+    fn of(
+        mut chunk: ChunkId,
+        lineage: &'a Lineage,
+        coarser: &[Option<&'a LocalSet>],
+        exitances: &'a [Vec<Rgb>],
+    ) -> Self {
         let mut generations = Vec::with_capacity(coarser.len());
         for (view, exitances) in coarser.iter().zip(exitances) {
             let table = view.and_then(|view| view.slots_of(chunk));
             let slots = table.map_or(&[][..], SlotTable::slots);
-            generations.push(Generation { slots, exitances, parents: block.lineage.of(chunk) });
+            generations.push(Generation { slots, exitances, parents: lineage.of(chunk) });
             chunk = chunk.parent();
         }
         Self(generations)
@@ -205,6 +210,47 @@ impl<'a> Ancestry<'a> {
     }
 }
 
+fn exitances_of(views: &[Option<&LocalSet>]) -> Vec<Vec<Rgb>> {
+    views.iter().map(|view| view.map(LocalSet::exitances).unwrap_or_default()).collect()
+}
+
+/// What stands for patches that are not resident, by chunk: worked out once for the many rows that lead there.
+pub(crate) struct FarSenders<'a> {
+    coarser: Vec<Option<&'a LocalSet>>,
+    exitances: Vec<Vec<Rgb>>,
+    places: BTreeMap<ChunkId, usize>,
+    /// By place, then by patch: red, green, blue, and one if that is known, else all zero.
+    sent: Vec<Vec<Vec4>>,
+}
+
+impl<'a> FarSenders<'a> {
+    /// `coarser` views, finest first, one a level.
+    pub(crate) fn new(coarser: Vec<Option<&'a LocalSet>>) -> Self {
+        let exitances = exitances_of(&coarser);
+        Self { coarser, exitances, places: BTreeMap::new(), sent: Vec::new() }
+    }
+
+    /// Where the patches of `chunk` are in [`Self::sent`].
+    pub(crate) fn place(&mut self, chunk: ChunkId, lineage: &Lineage) -> usize {
+        if let Some(&place) = self.places.get(&chunk) {
+            return place;
+        }
+        let parents: &[u16] = lineage.of(chunk).map_or(&[], |parents| parents);
+        let ancestry = Ancestry::of(chunk.parent(), lineage, &self.coarser, &self.exitances);
+        let sent = |&parent: &u16| {
+            ancestry.exitance(usize::from(parent)).map_or(Vec4::ZERO, |exitance| exitance.extend(1.0))
+        };
+        self.sent.push(parents.iter().map(sent).collect());
+        self.places.insert(chunk, self.sent.len() - 1);
+        self.sent.len() - 1
+    }
+
+    /// By place, then by patch. A patch that is not listed has no parent.
+    pub(crate) fn sent(&self) -> &[Vec<Vec4>] {
+        &self.sent
+    }
+}
+
 /// Gathers far light of every slot of `local` from the views above it, finest first, one a level; a level that has no
 /// local set for now is passed over. Returns whether any changed.
 pub(crate) fn gather(local: &mut LocalSet, coarser: &[Option<&LocalSet>]) -> bool {
@@ -214,8 +260,9 @@ pub(crate) fn gather(local: &mut LocalSet, coarser: &[Option<&LocalSet>]) -> boo
     for resident in local.residents.iter_mut().flatten() {
         // Some hundred products of one sign: `f32` is enough.
         let mut sum = Vec4::ZERO;
-        for far in &resident.far {
-            sum += far.share * sent[field.starts[far.block as usize] as usize + usize::from(far.parent)];
+        for far in resident.split.parents.iter().filter(|far| far.share > 0.0) {
+            sum +=
+                far.share as f32 * sent[field.starts[far.block as usize] as usize + usize::from(far.parent)];
         }
         changed |= (sum.truncate(), sum.w) != (resident.light.far_irradiance, resident.fed_share);
         resident.light.far_irradiance = sum.truncate();

@@ -163,7 +163,7 @@ impl Engine {
             ensure("E5 bijection", of_table == Some(slot) && of_chunk == Some(&resident.patch), || at(slot))?;
             let stored = tile.map(|chunk| chunk.rows.sky_shares[usize::from(resident.id.local)]);
             ensure("E6 parts", stored == Some(resident.sky_shares), || at(slot))?;
-            check_parts(resident.parts, local.parts_of(slot), || at(slot))?;
+            check_parts(resident.parts(), local.parts_of(slot), || at(slot))?;
         }
         let tabled: u32 = local.chunks().filter_map(|id| local.slots_of(id)).map(|table| table.taken()).sum();
         ensure("E5 bijection", tabled == local.len(), || {
@@ -194,12 +194,12 @@ fn check_far(view: &LevelView, local: &LocalSet) -> Result<(), InvariantError> {
         format!("{} users of parents counted, {used} found", field.user_count())
     })?;
     for (slot, resident) in local.iter() {
-        let kept: f64 = resident.far.iter().map(|far| f64::from(far.share)).sum();
+        let kept: f64 = resident.split.parents.iter().map(|far| far.share).sum();
         // What has no parent is left out; nothing is made up.
-        let is_within = kept <= f64::from(resident.parts.far + SHARE_TOLERANCE);
+        let is_within = kept <= resident.split.far + f64::from(SHARE_TOLERANCE);
         let is_fed = f64::from(resident.fed_share) <= kept + f64::from(SHARE_TOLERANCE);
         ensure("E11 far", is_within && is_fed, || {
-            format!("{}: {kept} by parents, {} fed, {:?}", at(slot), resident.fed_share, resident.parts)
+            format!("{}: {kept} by parents, {} fed, {:?}", at(slot), resident.fed_share, resident.parts())
         })?;
     }
     Ok(())

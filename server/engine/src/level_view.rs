@@ -1,7 +1,7 @@
 //! One session's view of one level: its local set, what it should hold, and what it last said.
 //!
-//! A coarser view feeds the finer ones far light ([`crate::far`]) and is published beside them. Cameras, lights and light
-//! in the air are the [`Session`](crate::session::Session)'s.
+//! A coarser view feeds the finer ones far light ([`crate::far`]) and is published beside them. Who comes and who goes is
+//! [`crate::swaps`]' business; cameras, lights and light in the air are the [`Session`](crate::session::Session)'s.
 
 use crate::chunks::ChunkTable;
 use crate::config::EngineConfig;
@@ -28,15 +28,6 @@ pub(crate) struct WantedChunk {
     pub(crate) patch_count: u32,
 }
 
-/// Work on swaps: what may be done, or what was.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Swaps {
-    pub(crate) adds: u32,
-    pub(crate) removals: u32,
-    /// For the direct light of the patches added.
-    pub(crate) shadow_points: u32,
-}
-
 /// The lights of a session, and how often they have changed.
 #[derive(Debug, Clone)]
 pub(crate) struct Lighting {
@@ -52,17 +43,21 @@ pub(crate) struct LevelView {
     pub(crate) local: Option<LocalSet>,
     /// Ascending by id.
     chunks: Vec<WantedChunk>,
-    plan: SwapPlan,
+    pub(crate) plan: SwapPlan,
     /// Where the plan measured distances from.
-    focus: Vec3,
-    is_plan_old: bool,
-    are_sources_old: bool,
+    pub(crate) focus: Vec3,
+    pub(crate) is_plan_old: bool,
+    pub(crate) are_sources_old: bool,
     /// Whether the far columns changed after far light was gathered.
-    is_far_old: bool,
+    pub(crate) is_far_old: bool,
     /// Whether what leaves its patches changed, or whose it is, after the finer views gathered.
-    sends_news: bool,
+    pub(crate) sends_news: bool,
     /// Whether light or row parts may differ from `published`.
-    has_news: bool,
+    pub(crate) has_news: bool,
+    /// Swaps that it has had, each counted by how small its part of the budget is: the next turn is whose number is lowest.
+    pub(crate) had: u64,
+    /// Generation of the shadow casters that direct light was held against.
+    casters_seen: u64,
     /// The light of every slot as it was last told.
     published: Arc<[PatchLight]>,
     pub(crate) drift: f32,
@@ -84,6 +79,8 @@ impl LevelView {
             is_far_old: true,
             sends_news: true,
             has_news: true,
+            had: 0,
+            casters_seen: 0,
             published: Arc::default(),
             drift: 0.0,
             audit_error: 0.0,
@@ -135,87 +132,25 @@ impl LevelView {
     }
 
     /// How direct light on its slots is computed now.
-    fn relight<'a>(&self, table: &'a ChunkTable, lighting: &'a Lighting, tick: u64) -> Relight<'a> {
-        Relight::new(table.casters(self.level), &lighting.rig.lights, lighting.generation, tick)
-    }
-
-    /// Removes and adds as planned, as far as `most` goes; new patches are lit. Returns what was done.
-    ///
-    /// # Errors
-    /// Whatever the backend says: it is of no more use.
-    pub(crate) fn swap(
-        &mut self,
-        table: &mut ChunkTable,
-        lighting: &Lighting,
-        most: Swaps,
+    pub(crate) fn relight<'a>(
+        &self,
+        table: &'a ChunkTable,
+        lighting: &'a Lighting,
         tick: u64,
-        counters: &mut Counters,
-    ) -> Result<Swaps, BackendError> {
-        let Some(mut local) = self.local.take() else {
-            return Ok(Swaps { adds: 0, removals: 0, shadow_points: 0 });
-        };
-        let removals = most.removals as usize;
-        let forced = self.plan.forced.len().min(removals);
-        let free = local.free_count() as usize + forced;
-        let affordable = self.affordable_adds(table, lighting, most, tick);
-        // What is displaced makes room for what comes now, never more: a slot in hand is light.
-        let displaced = self.plan.displaced.len().min(removals - forced).min(affordable.saturating_sub(free));
-        let adds = affordable.min(free + displaced);
-
-        let mut leaving = take_last(&mut self.plan.forced, forced);
-        leaving.extend(take_last(&mut self.plan.displaced, displaced));
-        let removed = if leaving.is_empty() { Ok(()) } else { local.remove(&leaving) };
-        if let Err(error) = removed {
-            self.local = Some(local);
-            return Err(error);
-        }
-        for id in &leaving {
-            table.release(id.chunk);
-        }
-        let mut newcomers = Vec::with_capacity(adds);
-        for id in take_last(&mut self.plan.adds, adds).into_iter().rev() {
-            newcomers.push((id, table.tile(id.chunk).expect("a planned patch's tile is in memory").clone()));
-        }
-        let added = if newcomers.is_empty() { Default::default() } else { local.add(&newcomers) };
-        for &slot in &added.slots {
-            table.hold(local.resident(slot).id.chunk);
-        }
-        let (lit, spent) = self.relight(table, lighting, tick).light(&mut local, &added.slots, u32::MAX);
-        local.refresh_parts();
-        self.is_plan_old |= added.weak_pivots + added.refused > 0;
-        self.are_sources_old |= lit > 0;
-        let has_moved = !leaving.is_empty() || !added.slots.is_empty();
-        if has_moved {
-            local.order_tables(self.focus);
-        }
-        self.is_far_old |= has_moved;
-        self.sends_news |= has_moved;
-        self.has_news |= has_moved;
-        self.local = Some(local);
-
-        counters.adds += added.slots.len() as u64;
-        counters.removes += leaving.len() as u64;
-        counters.weak_pivots += u64::from(added.weak_pivots);
-        counters.refused_adds += u64::from(added.refused);
-        counters.slots_lit += u64::from(lit);
-        counters.rays += u64::from(spent);
-        Ok(Swaps { adds: count(newcomers.len()), removals: count(leaving.len()), shadow_points: spent })
+    ) -> Relight<'a> {
+        let edge_m = table.levels()[usize::from(self.level)].grid.voxel_edge_m;
+        Relight::new(table.casters(self.level), &lighting.rig.lights, lighting.generation, tick, edge_m)
     }
 
-    /// How many of the next adds may come: by number, and by what their direct light costs; one in any case.
-    fn affordable_adds(&self, table: &ChunkTable, lighting: &Lighting, most: Swaps, tick: u64) -> usize {
-        let relight = self.relight(table, lighting, tick);
-        let shadow_points = most.shadow_points;
-        let most = self.plan.adds.len().min(most.adds as usize);
-        let mut spent = 0u32;
-        for (adds, id) in self.plan.adds.iter().rev().take(most).enumerate() {
-            let chunk = table.chunk(id.chunk).expect("a planned patch's tile is in memory");
-            spent = spent.saturating_add(relight.cost(&chunk.patches[usize::from(id.local)]));
-            if adds > 0 && spent > shadow_points {
-                return adds;
-            }
+    /// Finds the slots whose direct light may have changed because shadow casters came or went.
+    pub(crate) fn note_casters(&mut self, table: &ChunkTable, lighting: &Lighting) {
+        let seen = table.casters(self.level).generation();
+        if std::mem::replace(&mut self.casters_seen, seen) != seen
+            && let Some(mut local) = self.local.take()
+        {
+            self.relight(table, lighting, 0).note_casters(&mut local);
+            self.local = Some(local);
         }
-        most
     }
 
     /// How many slots have direct light that is out of date.
@@ -414,16 +349,8 @@ fn patch_light(resident: &Resident, voxel_edge_m: f32) -> PatchLight {
         irradiance: resident.light.irradiance,
         sky_irradiance: resident.light.sky_irradiance(),
         plane_offset: Some(resident.patch.plane_offset(voxel_edge_m)),
-        known_share: resident.parts.known(),
-        far_share: resident.parts.far.clamp(0.0, 1.0),
+        known_share: resident.parts().known(),
+        far_share: resident.parts().far.clamp(0.0, 1.0),
         fed_share: resident.fed_share.clamp(0.0, 1.0),
     }
-}
-
-fn take_last<T>(list: &mut Vec<T>, how_many: usize) -> Vec<T> {
-    list.split_off(list.len() - how_many)
-}
-
-fn count(length: usize) -> u32 {
-    u32::try_from(length).expect("budgets are u32")
 }

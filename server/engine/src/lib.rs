@@ -14,8 +14,8 @@
 //! | which chunks are wanted; let the others go | `schedule`, `chunks`, [`residency`] | `load_radius_m`, `decoded_bytes_max` |
 //! | ask for tiles, most urgent first | `schedule`, `priority` | `tiles_in_flight_max` |
 //! | which patches are nearest | `priority` | `resident_patches_max` |
-//! | remove, add, light the new ones | `level_view`, `local_set`, `slots` | `removals_per_tick_max`, `adds_per_tick_max` |
-//! | light what is out of date | `relight`, `direct` | `shadow_points_per_tick_max` |
+//! | remove, add, light the new ones | `turns`, `swaps`, `local_set`, `slots`, `row_split` | `removals_per_tick_max`, `adds_per_tick_max` |
+//! | light what is out of date | `relight`, `direct`, `shadow_reach` | `shadow_points_per_tick_max` |
 //! | far light, sources to the backends, step, read, the coarsest level first | `far`, `relight`, `level_view` | |
 //! | gather light in empty air | `air` | `receiver_rows_per_tick_max` |
 //! | hold the tick against the promise | `coverage`, [`promise`] | |
@@ -54,14 +54,18 @@ mod priority;
 pub mod promise;
 mod relight;
 pub mod residency;
+mod row_split;
 mod schedule;
 mod session;
+mod shadow_reach;
 mod slots;
 pub mod solver_config;
 pub mod stats;
+mod swaps;
 #[cfg(test)]
 mod tests;
 mod tile;
+mod turns;
 
 pub use config::{ConfigError, EngineConfig};
 pub use engine::{BackendFactory, Engine};
@@ -69,7 +73,7 @@ pub use error::EngineError;
 pub use event::{Command, Event, SessionId};
 pub use frame::{Frame, FrameQuality, LevelLight, PatchLight};
 pub use invariant::InvariantError;
-pub use promise::{Crowding, Means, Promise};
+pub use promise::{Crowding, Means, Promise, Prospect};
 pub use residency::ChunkState;
 pub use solver_config::SolverConfig;
 pub use stats::{ChunkCounts, Counters, EngineStats, IgnoredEvents, SessionStats, TickStats};

@@ -3,9 +3,10 @@
 //! It owns the [`Backend`]; light on the slots is in [`crate::relight`]. Rows come from the chunks of the patches,
 //! columns by reciprocity `F[i, new] = A_new F[new, i] / A_i`: rows on disk are reciprocal.
 
-use crate::far::{FarField, FarShare};
+use crate::far::FarField;
 use crate::relight::SlotLight;
-use crate::slots::{FREE, SlotTable, segment_slots, split_row, visit_row};
+use crate::row_split::{Move, Mover, RowSplit};
+use crate::slots::{FREE, SlotTable, parts_of_row, segment_slots, split_row, visit_row};
 use crate::tile::Tile;
 use earthshine_radiosity::{Backend, BackendError, Slot, Update};
 use earthshine_world::{Chunk, ChunkId, ChunkRows, Patch, PatchId, Rgb, RowParts, Vec3};
@@ -18,13 +19,26 @@ pub(crate) struct Resident {
     pub(crate) id: PatchId,
     pub(crate) patch: Patch,
     pub(crate) sky_shares: [f32; 6],
-    /// How its row splits now; see [`LocalSet::refresh_parts`].
-    pub(crate) parts: RowParts,
-    /// Its far columns by parent, as current as `parts`.
-    pub(crate) far: Vec<FarShare>,
+    /// How its row splits now.
+    pub(crate) split: RowSplit,
+    /// Shares of the row that do not depend on who is resident: true escapes, and what is known to bring no light.
+    sky_share: f32,
+    absorbed_share: f32,
     /// Of the far part: what coarser views bring.
     pub(crate) fed_share: f32,
     pub(crate) light: SlotLight,
+}
+
+impl Resident {
+    /// How its row splits now.
+    pub(crate) fn parts(&self) -> RowParts {
+        RowParts {
+            resident: self.split.resident as f32,
+            far: self.split.far as f32,
+            sky: self.sky_share,
+            absorbed: self.absorbed_share,
+        }
+    }
 }
 
 /// One session's resident patches.
@@ -36,8 +50,6 @@ pub(crate) struct LocalSet {
     refused: BTreeSet<PatchId>,
     /// Where far light comes from; nothing on the top level.
     pub(crate) far: Option<FarField>,
-    /// Slots whose row parts may have changed.
-    touched: Vec<bool>,
     /// Slots in the order of frames; rebuilt when patches have come or gone.
     order: Vec<u32>,
     is_order_old: bool,
@@ -80,7 +92,6 @@ impl LocalSet {
             tables: BTreeMap::new(),
             refused: BTreeSet::new(),
             far: is_fed.then(FarField::default),
-            touched: vec![false; capacity as usize],
             order: Vec::new(),
             is_order_old: false,
             needs_step: false,
@@ -166,7 +177,9 @@ impl LocalSet {
     pub(crate) fn parts_of(&self, slot: u32) -> RowParts {
         let id = self.resident(slot).id;
         let chunk = self.chunk_of(id);
-        split_row(&segment_slots(&self.tables, &chunk.rows), &chunk.rows, usize::from(id.local))
+        let local = usize::from(id.local);
+        let split = split_row(&segment_slots(&self.tables, &chunk.rows), &chunk.rows, local);
+        parts_of_row(&chunk.rows, local, split.resident, split.far)
     }
 
     /// The slots that the columns of `rows` point at, by segment.
@@ -228,6 +241,24 @@ impl LocalSet {
         Ok(())
     }
 
+    /// Removes all residents at once, for the price of a few removals.
+    ///
+    /// # Errors
+    /// Whatever the backend says: it is of no more use.
+    pub(crate) fn clear(&mut self) -> Result<(), BackendError> {
+        self.backend.clear()?;
+        for table in std::mem::take(&mut self.tables).into_values() {
+            if let Some(far) = &mut self.far {
+                far.release(&table.far_segments);
+            }
+        }
+        self.residents.fill_with(|| None);
+        self.free = (0..self.capacity()).collect();
+        self.is_order_old = true;
+        self.needs_step = true;
+        Ok(())
+    }
+
     /// Adds patches that are not resident, as many as there are free slots at most, in the order given.
     pub(crate) fn add(&mut self, newcomers: &[(PatchId, Tile)]) -> Added {
         let mut slots = Vec::with_capacity(newcomers.len());
@@ -274,24 +305,6 @@ impl LocalSet {
         added
     }
 
-    /// Brings the row parts and far columns of all slots up to date whose neighbours came or went.
-    pub(crate) fn refresh_parts(&mut self) {
-        for table in self.tables.values() {
-            let mut segments = None;
-            for (local, slot) in table.taken_slots() {
-                if std::mem::take(&mut self.touched[slot as usize]) {
-                    let segments =
-                        segments.get_or_insert_with(|| segment_slots(&self.tables, &table.chunk.rows));
-                    let resident = self.residents[slot as usize].as_mut().expect("a table names taken slots");
-                    match &mut self.far {
-                        Some(far) => (resident.parts, resident.far) = far.split(table, segments, local),
-                        None => resident.parts = split_row(segments, &table.chunk.rows, local),
-                    }
-                }
-            }
-        }
-    }
-
     fn count_swaps(&mut self, swaps: usize) {
         self.swaps_since_probe =
             self.swaps_since_probe.saturating_add(u32::try_from(swaps).unwrap_or(u32::MAX));
@@ -309,9 +322,18 @@ impl LocalSet {
         table.take(local, slot);
         let patch = chunk.patches[local];
         let sky_shares = chunk.rows.sky_shares[local];
-        let (parts, far, light) = (RowParts::default(), Vec::new(), SlotLight::default());
-        let resident = Resident { id, patch, sky_shares, parts, far, fed_share: 0.0, light };
-        self.residents[slot as usize] = Some(resident);
+        let RowParts { sky: sky_share, absorbed: absorbed_share, .. } =
+            parts_of_row(&chunk.rows, local, 0.0, 0.0);
+        self.residents[slot as usize] = Some(Resident {
+            id,
+            patch,
+            sky_shares,
+            split: RowSplit::default(),
+            sky_share,
+            absorbed_share,
+            fed_share: 0.0,
+            light: SlotLight::default(),
+        });
         self.is_order_old = true;
         slot
     }
@@ -328,9 +350,12 @@ impl LocalSet {
             }
             self.tables.remove(&resident.id.chunk);
         }
+        let mut mover = Mover::new(resident.id, Move::Out);
         visit_row(&segment_slots(&self.tables, &chunk.rows), &chunk.rows, local, |neighbour, _| {
             if neighbour != FREE {
-                self.touched[neighbour as usize] = true;
+                let other = self.residents[neighbour as usize].as_mut().expect("a table names taken slots");
+                let rows = &self.tables[&other.id.chunk].chunk.rows;
+                mover.shift(&mut other.split, other.id.chunk, rows, usize::from(other.id.local));
             }
         });
         self.free.insert(slot);
@@ -339,26 +364,36 @@ impl LocalSet {
 
     /// The update for a patch that has just taken its slot: its neighbours are those that took theirs before.
     fn add_update(&mut self, slot: u32) -> Update {
-        let Resident { id, patch, .. } = *self.resident(slot);
-        let chunk = Arc::clone(self.chunk_of(id));
+        let &Resident { id, patch, .. } = self.resident(slot);
+        let table = &self.tables[&id.chunk];
+        let (chunk, local) = (&table.chunk, usize::from(id.local));
         let (mut row, mut column) = (Vec::new(), Vec::new());
-        self.touched[slot as usize] = true;
         let segments = segment_slots(&self.tables, &chunk.rows);
-        visit_row(&segments, &chunk.rows, usize::from(id.local), |neighbour, share| {
-            if neighbour == FREE || share == 0.0 {
+        let split = match &mut self.far {
+            Some(far) => far.split(table, &segments, local),
+            None => split_row(&segments, &chunk.rows, local),
+        };
+        let mut mover = Mover::new(id, Move::In);
+        visit_row(&segments, &chunk.rows, local, |neighbour, share| {
+            if neighbour == FREE {
                 return;
             }
             if neighbour == slot {
                 row.push((Slot(neighbour), share));
                 return;
             }
-            let other = self.residents[neighbour as usize].as_ref().expect("a table names taken slots");
+            let other = self.residents[neighbour as usize].as_mut().expect("a table names taken slots");
+            let rows = &self.tables[&other.id.chunk].chunk.rows;
+            mover.shift(&mut other.split, other.id.chunk, rows, usize::from(other.id.local));
+            if share == 0.0 {
+                return;
+            }
             // Rounding on disk may carry the share of a tiny patch past one; both ways have to stay alike.
             let share = share.min(other.patch.area / patch.area);
             row.push((Slot(neighbour), share));
             column.push((Slot(neighbour), (share * patch.area / other.patch.area).min(1.0)));
-            self.touched[neighbour as usize] = true;
         });
+        self.resident_mut(slot).split = split;
         let reflectance = patch.reflectance.min(Rgb::splat(Patch::REFLECTANCE_MAX));
         Update::Add { slot: Slot(slot), reflectance, area: patch.area, row, column }
     }

@@ -1,8 +1,9 @@
 //! What the engine promises: inside a radius, up to a speed, every frame has light of level 0.
 //!
 //! The promise is computed before the first tick, from the configuration, the index and how crowded the world is at
-//! its most crowded places; [`Engine`](crate::Engine) holds every tick against it and counts violations. It is an estimate with
-//! margins, not a proof: hence the counting.
+//! its most crowded places, and again whenever the shell says that ticks come at another rate than was counted on
+//! ([`Event::Pace`](crate::Event::Pace)); [`Engine`](crate::Engine) holds every tick against it and counts violations. It is an
+//! estimate with margins, not a proof: hence the counting.
 //!
 //! With `R` the distance of the M-th nearest patch at a crowded place, and `h` the hysteresis:
 //!
@@ -88,9 +89,9 @@ impl Crowding {
 }
 
 /// What the shell brings to a promise.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Means {
-    /// Ticks a second.
+    /// Ticks a second while there is as much to do as a tick may.
     pub tick_rate_hz: f32,
     /// Bytes of tiles that are read, checked and decoded a second.
     pub tile_bytes_per_s: f32,
@@ -109,20 +110,68 @@ pub struct Promise {
     pub tile_bytes_per_s: f32,
     /// After a jump the promise holds again within this time, s.
     pub recovery_s: f32,
+    /// What it counts on.
+    pub means: Means,
     /// Radius by speed, ascending by speed, in equal steps from zero.
     radii_m: Vec<f32>,
     speed_step_m_s: f32,
 }
 
-impl Promise {
-    /// Computes the promise of an engine of `config` for the world of `index`.
+/// What a promise follows from, besides the means of the moment.
+#[derive(Debug, Clone)]
+pub struct Prospect {
+    crowding: Crowding,
+    /// `R'`.
+    rest_m: f32,
+    /// Patches of level 0 that a tick may add while all levels want some.
+    adds_per_tick: f32,
+    /// Bytes of tiles a metre of flight.
+    bytes_per_m: f32,
+    /// Within it level 0 fits the memory.
+    load_radius_m: f32,
+    look_ahead_s: f32,
+    tile_look_ahead_s: f32,
+    lead_max_m: f32,
+    /// Of a first look: bytes around a camera.
+    bytes_around: f32,
+}
+
+impl Prospect {
+    /// Of an engine of `config` for the world of `index`.
     #[must_use]
-    pub fn of(index: &WorldIndex, config: &EngineConfig, crowding: &Crowding, means: Means) -> Self {
+    pub fn of(index: &WorldIndex, config: &EngineConfig, crowding: Crowding) -> Self {
         let levels = LevelPlan::of(index, config);
-        let flow = Flow::of(index, config, &levels, crowding, means);
+        let capacity = config.resident_patches_max as f32;
+        let full_m = crowding.reach(|_, most| most <= capacity);
+        let others = levels.iter().filter(|plan| plan.level > 0 && !plan.is_pinned).count();
+        let finest = crate::turns::FINEST_PARTS as f32;
+        let part = finest / (finest + others as f32);
+        let swaps = config.adds_per_tick_max.min(config.removals_per_tick_max);
+        let (load_radius_m, bytes_per_m, bytes_around) = loads(index, config, &levels);
+        Self {
+            crowding,
+            rest_m: (full_m / (1.0 + config.hysteresis)).min(load_radius_m),
+            adds_per_tick: part * swaps as f32,
+            bytes_per_m,
+            load_radius_m,
+            look_ahead_s: config.look_ahead_s,
+            tile_look_ahead_s: config.tile_look_ahead_s,
+            lead_max_m: 0.5 * config.load_radius_m,
+            bytes_around,
+        }
+    }
+
+    /// What can be promised with `means`.
+    #[must_use]
+    pub fn promise(&self, means: Means) -> Promise {
+        let flow = Flow {
+            prospect: self,
+            adds_per_s: FLOW_SHARE * self.adds_per_tick * means.tick_rate_hz,
+            tile_bytes_per_s: FLOW_SHARE * means.tile_bytes_per_s,
+        };
         let rest_m = flow.radius_at(0.0);
         if rest_m <= 0.0 {
-            return Self::default();
+            return Promise { means, ..Promise::default() };
         }
         let fits = |speed: f32| flow.radius_at(speed) >= RADIUS_SHARE * rest_m;
         // The radius falls with the speed: halving finds where it has fallen too far.
@@ -136,16 +185,25 @@ impl Promise {
         let radii_m = (0..=SPEED_STEPS)
             .map(|step| flow.radius_at(step as f32 * speed_step_m_s).min(radius_m))
             .collect();
-        let filled = crowding.most_within(radius_m);
+        let filled = self.crowding.most_within(radius_m);
         let recovery_s = flow.fill_s(filled) + TILE_LATENCY_S;
-        Self {
+        Promise {
             radius_m,
             speed_m_s: low,
-            tile_bytes_per_s: flow.bytes_per_m * low,
+            tile_bytes_per_s: self.bytes_per_m * low,
             recovery_s,
+            means,
             radii_m,
             speed_step_m_s,
         }
+    }
+}
+
+impl Promise {
+    /// What an engine of `config` can promise for the world of `index`, with `means`.
+    #[must_use]
+    pub fn of(index: &WorldIndex, config: &EngineConfig, crowding: &Crowding, means: Means) -> Self {
+        Prospect::of(index, config, crowding.clone()).promise(means)
     }
 
     /// What is promised at `speed_m_s`: the radius at the promised speed and below, less above, in the end nothing.
@@ -167,68 +225,30 @@ impl Crowding {
     }
 }
 
-/// Rates and sizes that the radius at a speed follows from.
+/// A prospect and the rates that are counted on.
 struct Flow<'a> {
-    crowding: &'a Crowding,
-    /// `R'`.
-    rest_m: f32,
-    /// Patches of level 0 added a second that the promise counts on.
+    prospect: &'a Prospect,
+    /// Patches of level 0 added a second.
     adds_per_s: f32,
-    /// Bytes of tiles a metre of flight.
-    bytes_per_m: f32,
     tile_bytes_per_s: f32,
-    /// Within it level 0 fits the memory.
-    load_radius_m: f32,
-    look_ahead_s: f32,
-    tile_look_ahead_s: f32,
-    lead_max_m: f32,
-    /// Of a first look: bytes around a camera.
-    bytes_around: f32,
 }
 
-impl<'a> Flow<'a> {
-    fn of(
-        index: &WorldIndex,
-        config: &EngineConfig,
-        levels: &[LevelPlan],
-        crowding: &'a Crowding,
-        means: Means,
-    ) -> Self {
-        let capacity = config.resident_patches_max as f32;
-        let full_m = crowding.reach(|_, most| most <= capacity);
-        let others = levels.iter().filter(|plan| plan.level > 0 && !plan.is_pinned).count();
-        let finest = crate::engine::FINEST_PARTS as f32;
-        let part = finest / (finest + others as f32);
-        let swaps = config.adds_per_tick_max.min(config.removals_per_tick_max);
-        let (load_radius_m, bytes_per_m, bytes_around) = loads(index, config, levels);
-        Self {
-            crowding,
-            rest_m: (full_m / (1.0 + config.hysteresis)).min(load_radius_m),
-            adds_per_s: FLOW_SHARE * part * swaps as f32 * means.tick_rate_hz,
-            bytes_per_m,
-            tile_bytes_per_s: FLOW_SHARE * means.tile_bytes_per_s,
-            load_radius_m,
-            look_ahead_s: config.look_ahead_s,
-            tile_look_ahead_s: config.tile_look_ahead_s,
-            lead_max_m: 0.5 * config.load_radius_m,
-            bytes_around,
-        }
-    }
-
+impl Flow<'_> {
     fn radius_at(&self, speed: f32) -> f32 {
-        let lead_m = (speed * self.look_ahead_s).min(self.lead_max_m);
-        let behind_m = self.rest_m - lead_m;
+        let prospect = self.prospect;
+        let lead_m = (speed * prospect.look_ahead_s).min(prospect.lead_max_m);
+        let behind_m = prospect.rest_m - lead_m;
         let by_swaps =
-            self.crowding.reach(|radius, most| 2.0 * speed * most <= PI * radius * self.adds_per_s);
-        let is_read = speed * self.bytes_per_m <= self.tile_bytes_per_s;
+            prospect.crowding.reach(|radius, most| 2.0 * speed * most <= PI * radius * self.adds_per_s);
+        let is_read = speed * prospect.bytes_per_m <= self.tile_bytes_per_s;
         // A tile is asked for when it comes within the load radius of where the camera will be.
-        let early_m = self.load_radius_m + speed * (self.tile_look_ahead_s - TILE_LATENCY_S);
+        let early_m = prospect.load_radius_m + speed * (prospect.tile_look_ahead_s - TILE_LATENCY_S);
         if is_read { behind_m.min(by_swaps).min(early_m).max(0.0) } else { 0.0 }
     }
 
     /// Time to take in `patches` and the tiles around a camera, s.
     fn fill_s(&self, patches: f32) -> f32 {
-        patches / self.adds_per_s.max(1.0) + self.bytes_around / self.tile_bytes_per_s.max(1.0)
+        patches / self.adds_per_s.max(1.0) + self.prospect.bytes_around / self.tile_bytes_per_s.max(1.0)
     }
 }
 
@@ -356,7 +376,7 @@ mod tests {
     #[test]
     fn nothing_is_promised_where_nothing_fits() {
         let config = EngineConfig { decoded_bytes_max: 1, ..EngineConfig::default() };
-        assert_eq!(promise(&config, MEANS), Promise::default());
+        assert_eq!(promise(&config, MEANS), Promise { means: MEANS, ..Promise::default() });
         assert_eq!(Promise::default().radius_at(0.0), 0.0);
     }
 }

@@ -6,6 +6,7 @@
 
 use crate::direct::ShadowCasters;
 use crate::local_set::LocalSet;
+use crate::shadow_reach::{ShadowReach, light_count};
 use earthshine_radiosity::{BackendError, Slot};
 use earthshine_world::{Light, LightRig, Patch, Rgb};
 
@@ -17,6 +18,11 @@ const SOURCE_MAX: f32 = 1e24;
 pub(crate) struct Stamp {
     lights: u64,
     casters: u64,
+}
+
+impl Stamp {
+    /// No generation of casters: some that came or went since may have changed this light.
+    const TOUCHED: u64 = u64::MAX;
 }
 
 /// Light on one slot.
@@ -57,6 +63,7 @@ pub(crate) struct Relight<'a> {
     lights: &'a [Light],
     stamp: Stamp,
     tick: u64,
+    voxel_edge_m: f32,
 }
 
 impl<'a> Relight<'a> {
@@ -66,6 +73,7 @@ impl<'a> Relight<'a> {
         lights: &'a [Light],
         lights_generation: u64,
         tick: u64,
+        voxel_edge_m: f32,
     ) -> Self {
         // Without lights there are no shadows that could change.
         let casters_generation = if lights.is_empty() { 0 } else { casters.generation() };
@@ -74,12 +82,35 @@ impl<'a> Relight<'a> {
             lights,
             stamp: Stamp { lights: lights_generation, casters: casters_generation },
             tick,
+            voxel_edge_m,
         }
     }
 
-    /// Sample points times lights of one patch.
+    /// Sample points of one patch times the lights that reach it.
     pub(crate) fn cost(&self, patch: &Patch) -> u32 {
-        u32::try_from(self.lights.len()).unwrap_or(u32::MAX).saturating_mul(patch.point_count)
+        let lights = light_count(self.lights, patch.centroid, self.voxel_edge_m);
+        u32::try_from(lights).unwrap_or(u32::MAX).saturating_mul(patch.point_count)
+    }
+
+    /// Holds all direct light against the casters that came and went since: what none of them can have changed is up to date.
+    pub(crate) fn note_casters(&self, local: &mut LocalSet) {
+        if self.lights.is_empty() {
+            return;
+        }
+        let mut reach: Option<(u64, ShadowReach<'_>)> = None;
+        for resident in local.residents.iter_mut().flatten() {
+            let Some(lit) = &mut resident.light.lit else { continue };
+            let is_known = [self.stamp.casters, Stamp::TOUCHED].contains(&lit.casters);
+            if lit.lights != self.stamp.lights || is_known {
+                continue;
+            }
+            let since = lit.casters;
+            if reach.as_ref().is_none_or(|&(of, _)| of != since) {
+                reach = Some((since, ShadowReach::of(self.casters, since, self.lights, self.voxel_edge_m)));
+            }
+            let is_touched = reach.as_ref().is_some_and(|(_, reach)| reach.touches(resident.patch.centroid));
+            lit.casters = if is_touched { Stamp::TOUCHED } else { self.stamp.casters };
+        }
     }
 
     /// Slots whose direct light is out of date.

@@ -5,6 +5,7 @@
 use crate::air::AirSet;
 use crate::chunks::ChunkTable;
 use crate::config::EngineConfig;
+use crate::far::FarSenders;
 use crate::frame::LevelLight;
 use crate::level_view::{LevelView, Lighting, WantedChunk};
 use crate::levels::LevelPlan;
@@ -132,12 +133,13 @@ impl Session {
         tick: u64,
         counters: &mut Counters,
     ) -> Result<(), BackendError> {
+        let mut is_new = false;
         for at in (0..self.views.len()).rev() {
             let (finer, coarser) = self.views.split_at_mut(at + 1);
-            let is_new = finer[at].advance(coarser, &self.lighting.rig, config, tick, counters)?;
-            if is_new && at == 0 {
-                self.air.outdate();
-            }
+            is_new |= finer[at].advance(coarser, &self.lighting.rig, config, tick, counters)?;
+        }
+        if is_new {
+            self.air.outdate();
         }
         self.views.iter_mut().for_each(LevelView::forget_sent_news);
         Ok(())
@@ -146,7 +148,8 @@ impl Session {
     /// Gathers light in empty air that is out of date, for up to `rows_max` rows. Returns the rows spent.
     pub(crate) fn gather_air(&mut self, rows_max: u32) -> u32 {
         let Some(local) = &self.views[0].local else { return 0 };
-        self.air.gather(local, &self.lighting.rig, rows_max)
+        let far = FarSenders::new(self.views[1..].iter().map(|view| view.local.as_ref()).collect());
+        self.air.gather(local, far, &self.lighting.rig, rows_max)
     }
 
     /// Frees every slot of every level: the session closes, or a backend of its is of no more use.
@@ -215,7 +218,7 @@ impl Session {
         let local = self.views[0].local.as_ref();
         let (mut far, mut fed, mut patches) = (0.0f64, 0.0f64, 0.0f64);
         for (_, resident) in local.into_iter().flat_map(LocalSet::iter) {
-            far += f64::from(resident.parts.far);
+            far += resident.split.far;
             fed += f64::from(resident.fed_share);
             patches += 1.0;
         }

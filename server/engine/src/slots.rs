@@ -1,6 +1,7 @@
 //! From columns of rows to slots: one table a chunk, indexed by the patch's place in it.
 
 use crate::far::FarSegment;
+use crate::row_split::RowSplit;
 use earthshine_world::{Chunk, ChunkId, ChunkRows, PatchId, RowParts};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -45,11 +46,6 @@ impl SlotTable {
         self.slots.get(local).copied().filter(|&slot| slot != FREE)
     }
 
-    /// Places of the patches that hold slots, and the slots.
-    pub(crate) fn taken_slots(&self) -> impl Iterator<Item = (usize, u32)> {
-        self.slots.iter().copied().enumerate().filter(|&(_, slot)| slot != FREE)
-    }
-
     /// Patches that hold slots, ascending.
     pub(crate) fn patches(&self) -> impl Iterator<Item = PatchId> {
         (0u16..=u16::MAX)
@@ -87,14 +83,14 @@ pub(crate) fn visit_row(segments: &[&[u32]], rows: &ChunkRows, row: usize, mut v
     }
 }
 
-/// How row `row` of `rows` splits over the slots taken now. What is not resident is far, and never the sky's.
-pub(crate) fn split_row(segments: &[&[u32]], rows: &ChunkRows, row: usize) -> RowParts {
+/// How row `row` of `rows` splits over the slots taken now, computed afresh. What is not resident is far, and never the sky's.
+pub(crate) fn split_row(segments: &[&[u32]], rows: &ChunkRows, row: usize) -> RowSplit {
     // Shares come from f16 or f32: their sums in f64 do not depend on the order.
-    let (mut resident, mut far) = (0.0f64, 0.0f64);
+    let mut split = RowSplit::default();
     visit_row(segments, rows, row, |slot, share| {
-        *(if slot == FREE { &mut far } else { &mut resident }) += f64::from(share);
+        *(if slot == FREE { &mut split.far } else { &mut split.resident }) += f64::from(share);
     });
-    parts_of_row(rows, row, resident, far)
+    split
 }
 
 /// The parts of row `row` of `rows`, of which `resident` and `far` are known.

@@ -16,6 +16,8 @@ pub struct IgnoredEvents {
     pub tiles: u64,
     /// Choices of solvers that cannot be.
     pub solvers: u64,
+    /// Rates of ticks that cannot be.
+    pub paces: u64,
     /// Ticks whose time was not a number or before the last tick's.
     pub times: u64,
 }
@@ -24,7 +26,7 @@ impl IgnoredEvents {
     /// All of them.
     #[must_use]
     pub fn total(&self) -> u64 {
-        self.sessions + self.cameras + self.lights + self.tiles + self.solvers + self.times
+        self.sessions + self.cameras + self.lights + self.tiles + self.solvers + self.paces + self.times
     }
 }
 
@@ -54,8 +56,10 @@ pub struct Counters {
     pub tile_bytes: u64,
     /// Patches that entered a local set.
     pub adds: u64,
-    /// Patches that left one.
+    /// Patches that left one, one by one.
     pub removes: u64,
+    /// Patches that left one all together, after a jump of the camera.
+    pub cleared: u64,
     /// Patches that a backend refused for a weak pivot.
     pub weak_pivots: u64,
     /// Patches that a backend refused for another reason.
@@ -100,6 +104,7 @@ impl Counters {
                 lights: self.ignored.lights - earlier.ignored.lights,
                 tiles: self.ignored.tiles - earlier.ignored.tiles,
                 solvers: self.ignored.solvers - earlier.ignored.solvers,
+                paces: self.ignored.paces - earlier.ignored.paces,
                 times: self.ignored.times - earlier.ignored.times,
             },
             tiles_requested: self.tiles_requested - earlier.tiles_requested,
@@ -111,6 +116,7 @@ impl Counters {
             tile_bytes: self.tile_bytes - earlier.tile_bytes,
             adds: self.adds - earlier.adds,
             removes: self.removes - earlier.removes,
+            cleared: self.cleared - earlier.cleared,
             weak_pivots: self.weak_pivots - earlier.weak_pivots,
             refused_adds: self.refused_adds - earlier.refused_adds,
             backend_failures: self.backend_failures - earlier.backend_failures,
@@ -217,6 +223,8 @@ pub struct EngineStats {
     pub promised_radius_m: f32,
     /// Up to this speed, m/s.
     pub promised_speed_m_s: f32,
+    /// Ticks a second that the promise counts on.
+    pub promised_tick_rate_hz: f32,
     /// Chunks in memory that nobody wants: they go when room is needed.
     pub spare_chunks: u32,
     /// Open sessions, ascending.

@@ -95,6 +95,16 @@ pub trait Backend: Send {
     /// Whether a patch holds `slot`.
     fn is_taken(&self, slot: Slot) -> bool;
 
+    /// Removes all patches. The default does so one by one; whoever can forgets them at once.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`], never on the CPU.
+    fn clear(&mut self) -> Result<(), BackendError> {
+        let taken = (0..self.capacity()).map(Slot).filter(|&slot| self.is_taken(slot));
+        let leaving: Vec<Update> = taken.map(|slot| Update::Remove { slot }).collect();
+        self.apply(&leaving).map(drop)
+    }
+
     /// Sets, for each slot, direct exitance (lm/m2) and the irradiance from outside the resident set (lx).
     ///
     /// # Errors

@@ -120,6 +120,15 @@ impl Backend for CpuBackend {
         self.matrix.is_taken(slot)
     }
 
+    fn clear(&mut self) -> Result<(), BackendError> {
+        self.matrix.clear();
+        for light in [&mut self.direct_exitance, &mut self.outside_irradiance, &mut self.irradiance] {
+            light.fill(Rgb::ZERO);
+        }
+        self.changed = true;
+        Ok(())
+    }
+
     fn set_sources(
         &mut self,
         slots: &[Slot],

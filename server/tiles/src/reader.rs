@@ -70,6 +70,7 @@ impl MappedTile {
         // meets the checksums; by cutting the file, the length checks here and before each decoding.
         let map = unsafe { memmap2::MmapOptions::new().len(length as usize).map(&file) }
             .map_err(TileError::io("map", path))?;
+        read_no_more_than_asked(&map);
         let layout = Layout::parse(&map, path)?;
         Ok(Self { map, file, path: path.to_owned(), layout })
     }
@@ -90,11 +91,13 @@ impl MappedTile {
     /// # Errors
     /// The first frame that is damaged or malformed.
     pub fn decode(&self) -> Result<Chunk, TileError> {
+        read_ahead(&self.map, 0..self.map.len());
         self.view()?.decode(None)
     }
 
     /// [`Self::decode`], with columns held against the patch counts of their chunks.
     pub(crate) fn decode_within(&self, patch_counts: PatchCounts<'_>) -> Result<Chunk, TileError> {
+        read_ahead(&self.map, 0..self.map.len());
         self.view()?.decode(Some(patch_counts))
     }
 
@@ -103,6 +106,10 @@ impl MappedTile {
     /// # Errors
     /// If their frame is damaged or malformed.
     pub fn decode_patches(&self) -> Result<Vec<Patch>, TileError> {
+        if let Some((_, section)) = self.sections().find(|(frame, _)| *frame == Frame::Patches) {
+            let start = section.offset as usize;
+            read_ahead(&self.map, start..start + section.stored_bytes as usize);
+        }
         self.view()?.patches(&mut Unpacker::new())
     }
 
@@ -153,6 +160,23 @@ impl MappedTile {
         }
         Ok(View { bytes: &self.map, path: &self.path, layout: &self.layout })
     }
+}
+
+/// Has the system fetch the pages that are touched and none around them: who wants the parents of far patches reads a little of
+/// many tiles. A hint: where it is refused more is read, and nothing else differs.
+fn read_no_more_than_asked(map: &memmap2::Mmap) {
+    #[cfg(unix)]
+    drop(map.advise(memmap2::Advice::Random));
+    #[cfg(not(unix))]
+    let _ = map;
+}
+
+/// Has the system fetch `range` at once instead of page by page. A hint.
+fn read_ahead(map: &memmap2::Mmap, range: Range<usize>) {
+    #[cfg(unix)]
+    drop(map.advise_range(memmap2::Advice::WillNeed, range.start, range.len()));
+    #[cfg(not(unix))]
+    let _ = (map, range);
 }
 
 /// A tile's verified header and section table.

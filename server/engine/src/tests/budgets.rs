@@ -23,7 +23,10 @@ fn adds_and_removals_keep_their_budgets_over_all_sessions() {
         for round in 0..3 {
             for _ in 0..400 {
                 let stats = harness.tick();
-                assert!(stats.done.adds <= u64::from(adds_per_tick_max));
+                // Where slots are free adds are cheap; a full matrix has to make room for each.
+                let is_full = stats.done.removes >= stats.done.adds;
+                let cheaper = if is_full { 1 } else { EngineConfig::CHEAPER_ADDS_LIMIT };
+                assert!(stats.done.adds <= u64::from(adds_per_tick_max * cheaper));
                 assert!(stats.done.removes <= u64::from(removals_per_tick_max));
                 if stats.settled && harness.events.is_empty() {
                     break;

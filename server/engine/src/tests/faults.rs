@@ -292,20 +292,21 @@ fn a_thousand_lights_take_their_time() {
 /// Goal: what is promised is counted: kept by a sound world, broken and told where a tile near the camera is missing.
 #[test]
 fn a_broken_promise_is_counted_and_told() {
-    let promise = |world: &RandomWorld, config: &EngineConfig| {
+    let means = crate::Means { tick_rate_hz: 60.0, tile_bytes_per_s: 1e9 };
+    let prospect = |world: &RandomWorld, config: &EngineConfig| {
         let mut crowding = crate::Crowding::new(world.index.grid.voxel_edge_m);
         let patches: Vec<Vec3> =
             world.chunks.values().flat_map(|chunk| &chunk.patches).map(|patch| patch.centroid).collect();
         crowding.look(&patches, &patches);
-        let means = crate::Means { tick_rate_hz: 60.0, tile_bytes_per_s: 1e9 };
-        crate::Promise::of(&world.index, config, &crowding, means)
+        crate::Prospect::of(&world.index, config, crowding)
     };
     for is_broken in [false, true] {
         let (world, config) = (world(14), generous(60));
-        let promise = promise(&world, &config);
+        let prospect = prospect(&world, &config);
+        let promise = prospect.promise(means);
         assert!(promise.radius_m > 1.0 && promise.recovery_s < 5.0, "{promise:?}");
         let mut harness = Harness::new(world, config, Faults::default());
-        harness.engine = harness.engine.with_promise(promise);
+        harness.engine = harness.engine.with_promise(prospect, means);
         let fullest = harness.world.chunks.values().max_by_key(|chunk| chunk.patches.len()).unwrap();
         let (id, place) = (fullest.id, fullest.patches[0].centroid);
         if is_broken {
@@ -321,4 +322,36 @@ fn a_broken_promise_is_counted_and_told() {
         assert_eq!((quality.missing_near > 0, stats.sessions[0].violations > 0), (is_broken, is_broken));
         assert!(stats.counters.misses_by_level[0] > 0, "the first ticks have no light yet");
     }
+}
+
+/// Goal: the promise follows the rate at which ticks really come, down and up again; a rate that cannot be changes nothing.
+#[test]
+fn the_promise_follows_the_pace_of_ticks() {
+    let config = EngineConfig { adds_per_tick_max: 1, ..generous(60) };
+    let world = world(14);
+    let mut crowding = crate::Crowding::new(world.index.grid.voxel_edge_m);
+    let patches: Vec<Vec3> =
+        world.chunks.values().flat_map(|chunk| &chunk.patches).map(|patch| patch.centroid).collect();
+    crowding.look(&patches, &patches);
+    let prospect = crate::Prospect::of(&world.index, &config, crowding);
+    let means = crate::Means { tick_rate_hz: 60.0, tile_bytes_per_s: 1e9 };
+    let first = prospect.promise(means);
+    let mut harness = Harness::new(world, config, Faults::default());
+    harness.engine = harness.engine.with_promise(prospect, means);
+    let mut at = |tick_rate_hz: f32| {
+        harness.events.push(Event::Pace { tick_rate_hz });
+        harness.tick();
+        crate::Promise::clone(harness.engine.promise())
+    };
+    let slow = at(6.0);
+    assert_eq!(slow.means.tick_rate_hz, 6.0);
+    assert!(
+        slow.speed_m_s < 0.5 * first.speed_m_s && slow.recovery_s > first.recovery_s,
+        "{slow:?} {first:?}"
+    );
+    for impossible in [0.0, -1.0, f32::NAN, f32::INFINITY] {
+        assert_eq!(at(impossible), slow);
+    }
+    assert_eq!(at(60.0), first);
+    assert_eq!(harness.engine.stats().counters.ignored.paces, 4);
 }

@@ -35,7 +35,7 @@ impl RandomWorld {
     /// What a loader would say of the ancestors of what `chunk` sees.
     pub(crate) fn lineage_of(&self, chunk: &Chunk) -> Arc<Lineage> {
         let mut lineage = Lineage::default();
-        for &segment in &chunk.rows.segments {
+        for &segment in chunk.rows.segments.iter().chain(&chunk.receivers.rows.segments) {
             let mut id = segment;
             while let (Some(fine), Some(coarse)) = (self.chunks.get(&id), self.chunks.get(&id.parent())) {
                 lineage.insert(id, parents_among(&fine.patches, &coarse.patches).expect("parents"));

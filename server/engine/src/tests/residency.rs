@@ -121,7 +121,8 @@ fn unwanted_chunks_leave_and_come_back() {
         |harness: &Harness, state| harness.engine.chunk_states().filter(|&(_, s)| s == state).count();
     let near = states(&harness, ChunkState::Resident);
     assert!(near > 1);
-    harness.look_from(ALICE, Vec3::new(5000.0, 0.0, 0.0));
+    // Part of what is resident is still wanted: the rest leaves one by one.
+    harness.look_from(ALICE, Vec3::new(4.0, 0.0, 0.0));
     harness.tick();
     assert!(states(&harness, ChunkState::Leaving) > 0);
     harness.look_from(ALICE, Vec3::ZERO);
@@ -138,6 +139,25 @@ fn unwanted_chunks_leave_and_come_back() {
     harness.look_from(ALICE, Vec3::ZERO);
     harness.settle();
     assert_eq!(harness.requests.len(), asked, "who comes back finds it");
+}
+
+/// Goal: after a jump nothing of before is in the way, and the first light comes sooner than a full matrix could take it in.
+/// Method: a jump beyond all that is loaded, with a small budget; patches are counted tick by tick.
+#[test]
+fn a_jump_clears_the_local_set_at_once() {
+    let config =
+        EngineConfig { load_radius_m: 6.0, adds_per_tick_max: 3, removals_per_tick_max: 1, ..generous(60) };
+    let mut harness = Harness::new(big_world(8), config, Faults::default()).with_camera(Vec3::ZERO);
+    harness.settle();
+    let before = u64::from(harness.frame(ALICE).quality.resident_patches);
+    assert!(before > 20);
+    harness.look_from(ALICE, Vec3::new(40.0, 0.0, 0.0));
+    let done = harness.tick().done;
+    assert_eq!((done.cleared, done.removes), (before, 0));
+    harness.look_from(ALICE, Vec3::ZERO);
+    let fastest = (0..20).map(|_| harness.tick().done.adds).max();
+    assert!(fastest > Some(2 * 3), "{fastest:?} adds in the fastest tick");
+    harness.settle();
 }
 
 /// Goal: what nobody wants goes when room is needed, the longest unwanted and farthest first, and nothing else goes.
@@ -244,4 +264,21 @@ fn two_sessions_far_apart_have_their_own_patches() {
     harness.settle();
     assert_eq!(harness.engine.stats().sessions.len(), 1);
     assert!(harness.engine.chunk_states().any(|(_, state)| state == ChunkState::Resident));
+}
+
+/// Goal: sessions share tiles. Method: what two cameras at one place ask for and hold is what one does; each has its own patches.
+#[test]
+fn two_sessions_at_one_place_share_their_tiles() {
+    let config = || EngineConfig { load_radius_m: 6.0, ..generous(40) };
+    let mut alone = Harness::new(big_world(8), config(), Faults::default()).with_camera(Vec3::ZERO);
+    alone.settle();
+    let mut both = Harness::new(big_world(8), config(), Faults::default()).with_camera(Vec3::ZERO);
+    both.events.push(Event::SessionOpened { session: BOB });
+    both.look_from(BOB, Vec3::ZERO);
+    both.settle();
+    let (one, two) = (alone.engine.stats(), both.engine.stats());
+    assert!(one.counters.tiles_requested > 1 && one.decoded_bytes > 0);
+    assert_eq!(two.counters.tiles_requested, one.counters.tiles_requested);
+    assert_eq!((two.decoded_bytes, two.counters.tile_bytes), (one.decoded_bytes, one.counters.tile_bytes));
+    assert_eq!(two.counters.adds, 2 * one.counters.adds);
 }

@@ -7,7 +7,9 @@
 use super::backend::Faults;
 use super::harness::factory;
 use super::world::{Dice, RandomWorld, WorldShape};
-use crate::{Command, Crowding, Engine, EngineConfig, Event, Frame, Means, Promise, SessionId, SolverConfig};
+use crate::{
+    Command, Crowding, Engine, EngineConfig, Event, Frame, Means, Prospect, SessionId, SolverConfig,
+};
 use earthshine_world::{Camera, Chunk, ChunkId, Light, LightRig, Rgb, Sky, Vec3};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -72,8 +74,10 @@ impl Simulation {
             drift: dice.pick(&[0.0, 1e-3]),
             capacity_max: None,
         };
-        let promise = promise_of(&world, &config);
-        let engine = Engine::new(world.index.clone(), config, factory(faults)).unwrap().with_promise(promise);
+        let prospect = prospect_of(&world, &config);
+        let means = Means { tick_rate_hz: 60.0, tile_bytes_per_s: 1e6 };
+        let engine =
+            Engine::new(world.index.clone(), config, factory(faults)).unwrap().with_promise(prospect, means);
         Self {
             dice,
             world,
@@ -238,13 +242,12 @@ impl Simulation {
 }
 
 /// What a shell would promise: it is held against every tick, whatever the faults.
-fn promise_of(world: &RandomWorld, config: &EngineConfig) -> Promise {
+fn prospect_of(world: &RandomWorld, config: &EngineConfig) -> Prospect {
     let mut crowding = Crowding::new(world.index.grid.voxel_edge_m);
     let finest = world.chunks.values().filter(|chunk| chunk.id.level == 0);
     let patches: Vec<Vec3> = finest.flat_map(|chunk| &chunk.patches).map(|patch| patch.centroid).collect();
     crowding.look(&patches, &patches);
-    let means = Means { tick_rate_hz: 60.0, tile_bytes_per_s: 1e6 };
-    Promise::of(&world.index, config, &crowding, means)
+    Prospect::of(&world.index, config, crowding)
 }
 
 fn live(seed: u64) -> (u64, crate::EngineStats) {

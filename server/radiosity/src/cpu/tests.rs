@@ -63,6 +63,25 @@ fn a_step_recomputes_only_what_changed() {
 
 /// Goal: whatever the error, nothing has happened. Method: good updates followed by each kind of bad one;
 /// light and matrix stay the same to the bit.
+/// Goal: after everybody left at once, nothing is left of them. Method: filled again, light has the bits of a fresh backend's.
+#[test]
+fn who_comes_after_a_clearing_finds_nothing_of_before() {
+    let (mut backend, slots) = furnace(70, 0.8);
+    let first = light_up(&mut backend, &slots, Rgb::ONE, Rgb::ZERO);
+    backend.clear().expect("no device to lose");
+    assert!(slots.iter().all(|&slot| !backend.is_taken(slot)));
+    assert_eq!(backend.step(), Ok(StepStats { lit_columns: 0, recomputed: true }));
+    let room = ClosedBox::new(70, 11);
+    for i in 0..70 {
+        let row = (0..i).map(|j| (Slot(j as u32), room.form_factor(i, j))).collect();
+        let column = (0..i).map(|j| (Slot(j as u32), room.form_factor(j, i))).collect();
+        let (slot, reflectance) = (Slot(i as u32), Rgb::splat(0.8));
+        let update = Update::Add { slot, reflectance, area: room.area(i), row, column };
+        assert_eq!(backend.apply(&[update]).expect("a free slot").added, 1);
+    }
+    assert_eq!(light_up(&mut backend, &slots, Rgb::ONE, Rgb::ZERO), first);
+}
+
 #[test]
 fn an_error_leaves_no_trace() {
     let (mut backend, slots) = furnace(24, 0.5);

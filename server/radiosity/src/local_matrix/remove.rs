@@ -12,7 +12,7 @@
 use super::LocalMatrix;
 use super::capacitance::{SmallMatrices, leaving};
 use crate::backend::Slot;
-use crate::exchange::entry_at;
+use crate::exchange::{entry_at, stripe_at};
 
 impl LocalMatrix {
     /// Removes up to [`Self::BLOCK_MAX`] patches at once.
@@ -36,6 +36,17 @@ impl LocalMatrix {
             self.rank_update(channel, slots.len(), correction.plane(channel), false);
         }
         slots.iter().for_each(|&slot| self.forget(slot));
+    }
+
+    /// All patches leave: O(M^2) writes for all together.
+    pub fn clear(&mut self) {
+        let used = stripe_at(self.stripes());
+        self.planes.iter_mut().for_each(|plane| plane[..used].fill(0.0));
+        for slot in (0..self.extent).rev() {
+            if self.taken[slot] {
+                self.forget(slot);
+            }
+        }
     }
 
     /// Frees a slot whose row and column are clear.

@@ -235,6 +235,12 @@ impl Backend for SolverBackend {
         (slot.0 as usize) < self.links.capacity() && self.links.is_taken(slot.0 as usize)
     }
 
+    fn clear(&mut self) -> Result<(), BackendError> {
+        self.matrix.as_mut().map_or(Ok(()), |matrix| matrix.clear())?;
+        self.clear_links();
+        Ok(())
+    }
+
     fn set_sources(
         &mut self,
         slots: &[Slot],

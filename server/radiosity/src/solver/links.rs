@@ -144,6 +144,14 @@ impl LinkRows {
         self.outside_shares[slot] = f32::NAN;
     }
 
+    /// All patches leave.
+    pub(crate) fn clear(&mut self) {
+        self.rows.iter_mut().for_each(Vec::clear);
+        self.areas.fill(0.0);
+        self.reflectance.fill(Rgb::ZERO);
+        (self.link_count, self.taken_count) = (0, 0);
+    }
+
     /// The patch in `slot` leaves. Returns its links.
     pub(crate) fn remove(&mut self, slot: usize) -> Vec<Link> {
         let own = std::mem::take(&mut self.rows[slot]);

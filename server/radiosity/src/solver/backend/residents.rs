@@ -25,6 +25,21 @@ impl SolverBackend {
         self.changed |= !updates.is_empty();
     }
 
+    /// Everybody leaves. Methods that keep more than light let each go by itself.
+    pub(super) fn clear_links(&mut self) {
+        if matches!(self.state, State::Matrix | State::Gather { .. }) {
+            self.links.clear();
+            for light in [&mut self.direct, &mut self.outside, &mut self.irradiance] {
+                light.fill([0.0; 4]);
+            }
+        } else {
+            let taken = (0..self.links.capacity()).filter(|&slot| self.links.is_taken(slot));
+            let leaving: Vec<usize> = taken.collect();
+            leaving.into_iter().for_each(|slot| self.dismiss(slot));
+        }
+        self.changed = true;
+    }
+
     /// Light on a patch that has just entered: what the others send.
     pub(super) fn welcome(&mut self, slot: usize) {
         let unshot = match &self.state {
