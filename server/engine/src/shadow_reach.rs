@@ -126,8 +126,8 @@ mod tests {
 
     fn light(seed: u64) -> Light {
         let (position, intensity) = (vector(seed, 10) * 20.0, Rgb::splat(1e4));
-        let direction = vector(seed, 20).normalize();
-        let range_m = (seed % 2 == 0).then_some(25.0);
+        let direction = vector(seed, 20).normalize_or(Vec3::Y);
+        let range_m = seed.is_multiple_of(2).then_some(25.0);
         match seed % 3 {
             0 => Light::Directional { direction, illuminance: intensity, angular_diameter_rad: 0.3 },
             1 => Light::Point { position, intensity, range_m },
@@ -149,13 +149,13 @@ mod tests {
             let centre = vector(seed, 30) * 20.0;
             let point = |k: u64| SamplePoint {
                 position: centre + vector(seed, 100 + 6 * k),
-                normal: vector(seed, 103 + 6 * k).normalize(),
+                normal: vector(seed, 103 + 6 * k).normalize_or(Vec3::Y),
             };
             let points: Vec<_> = (0..16).map(point).collect();
             let share = number(seed, 40).abs();
             let along = match lamp(&light) {
                 Some((position, _)) => centre.lerp(position, share),
-                None => centre + vector(seed, 20).normalize() * (-30.0 * share),
+                None => centre + vector(seed, 20).normalize_or(Vec3::Y) * (-30.0 * share),
             };
             let middle = along + vector(seed, 43) * 12.0;
             let vertices: Vec<Vec3> = (0..3).map(|k| middle + vector(seed, 50 + 3 * k) * 6.0).collect();

@@ -26,30 +26,6 @@ fn empty(capacity: u32, settings: SolverSettings) -> SolverBackend {
     SolverBackend::new(capacity, settings, Box::new(make)).expect("sound settings")
 }
 
-/// Goal: whatever the method keeps of a patch goes with it. Method: fill, light, clear, and fill again.
-#[test]
-fn who_comes_after_a_clearing_finds_nothing_of_before() {
-    for method in SETTLING {
-        let fresh = || {
-            let mut pair = Pair::new(settings(method));
-            pair.shine(100.0, 1.0);
-            pair.step(SETTLE_FRAMES);
-            pair
-        };
-        let mut pair = fresh();
-        pair.backend.clear().expect("the CPU clears");
-        assert_eq!(pair.backend.links().link_count(), 0);
-        let other = Pair::new(settings(method));
-        let mut streamed = Streamed::new(ClosedBox::new(COUNT as usize * 6 / 5, 5), COUNT as usize, 5);
-        pair.backend.apply(&streamed.enter(COUNT as usize)).expect("free slots");
-        (pair.streamed, pair.oracle) = (other.streamed, other.oracle);
-        pair.shine(100.0, 1.0);
-        pair.step(SETTLE_FRAMES);
-        let error = pair.error();
-        assert!(error < 1e-4, "{method:?}: {error}");
-    }
-}
-
 /// A backend and the matrix that it is held against, with the same patches and light.
 struct Pair {
     backend: SolverBackend,
