@@ -9,7 +9,7 @@
 //! Plain HTTP/1.1; bound to loopback unless configured otherwise. Whoever changes something shows the token that clients
 //! show, if there is one (`-H "authorization: Bearer TOKEN"`); reading is free.
 
-use crate::config::Secret;
+use crate::config::{Config, Secret};
 use crate::engine_thread::SharedReport;
 use crate::listener::is_bearer;
 use crate::metrics::Metrics;
@@ -43,6 +43,24 @@ pub(crate) struct Admin {
     pub(crate) solver: Arc<SolverWish>,
     /// What whoever changes something has to show; empty for nothing.
     pub(crate) token: Secret,
+}
+
+impl Admin {
+    pub(crate) fn new(
+        config: &Config,
+        metrics: &Arc<Metrics>,
+        report: &Arc<SharedReport>,
+        draining: &Arc<AtomicBool>,
+        solver: Arc<SolverWish>,
+    ) -> Self {
+        Self {
+            metrics: Arc::clone(metrics),
+            report: Arc::clone(report),
+            draining: Arc::clone(draining),
+            solver,
+            token: config.bearer_token.clone(),
+        }
+    }
 }
 
 /// Serves until `stop`.

@@ -190,8 +190,7 @@ impl Server {
         let config = self.config;
         let metrics = Arc::new(Metrics::new());
         let report = self.report;
-        let sessions_max = config.engine.sessions_max;
-        let (openings, opened) = mpsc::channel(sessions_max as usize);
+        let (openings, opened) = mpsc::channel(config.engine.sessions_max as usize);
         let (answers, tiles) = std::sync::mpsc::sync_channel(config.tile_queue as usize);
         // The engine never has more requests open than it is configured for.
         let requests_max = config.engine.tiles_in_flight_max;
@@ -228,13 +227,7 @@ impl Server {
         let draining = Arc::new(AtomicBool::new(false));
         let [sessions_stop, transport_stop, admin_stop] = std::array::from_fn(|_| CancellationToken::new());
         drop(tokio::spawn(watch.run(sessions_stop.clone())));
-        let admin = Admin {
-            metrics: Arc::clone(&metrics),
-            report: Arc::clone(&report),
-            draining: Arc::clone(&draining),
-            solver,
-            token: config.bearer_token.clone(),
-        };
+        let admin = Admin::new(&config, &metrics, &report, &draining, solver);
         let admin = tokio::spawn(admin::serve(self.admin, admin, admin_stop.clone()));
         let limit = seconds(config.drain_timeout_s);
         let shared = Shared {
