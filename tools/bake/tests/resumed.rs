@@ -304,7 +304,7 @@ fn the_bytes_do_not_hang_on_the_trees() {
     options.parameters.rays_per_patch = 32;
     options.parameters.samples_per_voxel_face = 4;
     let whole = baked(&scene, &one, &options);
-    options.memory = MemoryLimit(Some(whole.memory_estimate_bytes * 17 / 20));
+    options.memory = MemoryLimit(Some(whole.memory_estimate_bytes * 9 / 10));
     let thrifty = baked(&scene, &of_meshes, &options);
     assert!(
         thrifty.tree_bytes * 4 < whole.tree_bytes,

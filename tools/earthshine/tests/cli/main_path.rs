@@ -10,6 +10,8 @@ use std::time::{Duration, Instant};
 struct Served {
     child: Child,
     uri: String,
+    /// Its operators' port, HOST:PORT.
+    admin: String,
 }
 
 impl Served {
@@ -19,14 +21,18 @@ impl Served {
         command.args(["serve", "world", "--listen", "127.0.0.1:0", "--admin-listen", "127.0.0.1:0"]);
         let mut child =
             command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the program starts");
-        let mut said = String::new();
         let mut output = BufReader::new(child.stdout.take().expect("a pipe"));
-        output.read_line(&mut said).expect("a line");
-        let uri = said.split_whitespace().find(|word| word.starts_with("http://"));
-        let uri = uri.unwrap_or_else(|| panic!("no address in {said:?}")).to_owned();
+        let mut address = || {
+            let mut said = String::new();
+            output.read_line(&mut said).expect("a line");
+            let uri = said.split_whitespace().find(|word| word.starts_with("http://"));
+            uri.unwrap_or_else(|| panic!("no address in {said:?}")).trim_end_matches(',').to_owned()
+        };
+        let (uri, admin) = (address(), address());
+        let admin = admin.trim_start_matches("http://").trim_end_matches("/metrics").to_owned();
         // The pipe stays open: a server whose words nobody hears is another test.
         child.stdout = Some(output.into_inner());
-        Self { child, uri }
+        Self { child, uri, admin }
     }
 
     /// Sends SIGTERM and waits for the end: exit code and last words.
@@ -77,6 +83,16 @@ fn from_a_seed_to_a_flight() {
         flown["camera_updates"].as_u64() > Some(10) && flown["last_patches"].as_u64() > Some(0),
         "{flown}"
     );
+    let by_solvers = ["--solvers", "hybrid,gather", "--admin", &served.admin, "--moving-sun", "--pictures", "2"];
+    let pictures = ["--scene", "rooms.glb", "--out", "day", "--width", "32", "--height", "24"];
+    let short = ["fly", "--server", &served.uri, "--seconds", "1", "--json"];
+    let flown = run(here, &[&short[..], &by_solvers, &pictures].concat()).succeeds().json();
+    let names = [0, 1].map(|flight| flown["flights"][flight]["solver"].clone());
+    assert_eq!(names, ["hybrid", "gather"], "{flown}");
+    assert!(std::fs::read(here.join("day/animation.gif")).expect("an animation").starts_with(b"GIF89a"));
+    assert!(here.join("day/strip.png").is_file());
+    let after = run(here, &["solver", "--admin", &served.admin]).succeeds().output;
+    assert!(after.contains("matrix"), "put back: {after}");
     let (code, last_words) = served.terminate();
     assert_eq!(code, Some(0), "{last_words}");
     assert!(!last_words.contains("panicked"), "{last_words}");

@@ -81,8 +81,7 @@ pub(super) fn measure(
 fn frames(subset: &mut Subset, settings: SolverSettings) -> anyhow::Result<(f64, f64, f64)> {
     let count = subset.patch_count() as f64;
     subset.settle(false)?;
-    subset.backend.set_solver(&settings)?;
-    subset.backend.step()?;
+    subset.switch(&settings)?;
     subset.shine(true)?;
     let (mut sum, mut worst) = (0.0, 0.0f64);
     for _ in 0..FRAMES {

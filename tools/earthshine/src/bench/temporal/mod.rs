@@ -2,7 +2,7 @@
 //!
 //! The change: all lamps and the sun go on, and emissive surfaces from a tenth; the sky stays. Errors are relative RMSE of
 //! irradiance against the solve of the same patches, gathered until a bounce changes less than 1e-6: tests hold that
-//! against the multibounce matrix. Times are one core's.
+//! against the multibounce matrix. Times are those of one core, unless more are asked for.
 
 mod cost;
 mod response;
@@ -13,7 +13,7 @@ use super::lit_world::WorldArguments;
 use crate::output::out;
 use crate::solver_world;
 use clap::Args;
-use earthshine_radiosity::solver::{Method, SolverSettings};
+use earthshine_radiosity::solver::{DrawnRows, Method, SolverSettings};
 use earthshine_render::chart::{self, Axis, Chart, Scale, Series};
 use response::Response;
 use serde::Serialize;
@@ -41,6 +41,12 @@ pub(crate) struct TemporalArguments {
     /// Weight of the past.
     #[arg(long, default_value_t = 0.998)]
     history_weight: f32,
+    /// Alias and cdf draw from rows of the multibounce matrix, in colour: all bounces at once; takes 6 N^2 bytes.
+    #[arg(long)]
+    multibounce: bool,
+    /// Threads for figures of cost; 0 for one a core.
+    #[arg(long, default_value_t = 1)]
+    threads: usize,
     /// Draws and weight by measured variance.
     #[arg(long)]
     adaptive: bool,
@@ -61,6 +67,8 @@ struct Figures {
     nonzeros: usize,
     k: u32,
     history_weight: f32,
+    drawn_rows: DrawnRows,
+    threads: usize,
     oracle: &'static str,
     /// Of the first solver named, at the first number of patches.
     steady_rel_rmse: f64,
@@ -86,8 +94,7 @@ pub(crate) fn run(arguments: &TemporalArguments, json: bool) -> anyhow::Result<(
     let changes = Changes::of(&lit);
     let order = lit.nearest_first();
     let subset = |count: usize| Subset::new(&lit, &changes, &order[..count.clamp(1, order.len())]);
-    // One core: shooting is sequential, and draws are compared with it.
-    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(arguments.threads).build()?;
     let mut whole = subset(arguments.response_n.unwrap_or(order.len()))?;
     let (patches, nonzeros) = (whole.patch_count(), whole.link_count());
     let mut solvers = Vec::new();
@@ -101,7 +108,7 @@ pub(crate) fn run(arguments: &TemporalArguments, json: bool) -> anyhow::Result<(
     for count in counts {
         let mut subset = subset(count)?;
         eprintln!("cost: {} patches", subset.patch_count());
-        cost.push(one.install(|| cost::measure(&mut subset, methods, &settings, &solvers))?);
+        cost.push(pool.install(|| cost::measure(&mut subset, methods, &settings, &solvers))?);
     }
     let files = match &arguments.plot {
         Some(stem) => chart::write_both(stem, &[error_chart(&lit.name, &solvers)])?.to_vec(),
@@ -113,6 +120,8 @@ pub(crate) fn run(arguments: &TemporalArguments, json: bool) -> anyhow::Result<(
         nonzeros,
         k: arguments.k,
         history_weight: arguments.history_weight,
+        drawn_rows: settings.rows,
+        threads: arguments.threads,
         oracle: "gather to 1e-6",
         steady_rel_rmse: first.steady_rel_rmse,
         frames_to_90: first.frames_to_90,
@@ -141,6 +150,7 @@ impl TemporalArguments {
             samples_per_row: self.k,
             history_weight: self.history_weight,
             adaptive: self.adaptive,
+            rows: if self.multibounce { DrawnRows::Multibounce } else { DrawnRows::FormFactors },
             // What a rebuild costs is `bench alias`' figure.
             rebuild_items_per_step: u32::MAX,
             shot_links_per_patch: self.shot_links,

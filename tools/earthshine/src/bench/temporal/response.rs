@@ -43,9 +43,7 @@ pub(super) fn measure(
 ) -> anyhow::Result<Response> {
     let steady_rel_rmse = steady(subset, settings, frames)?;
     subset.settle(false)?;
-    subset.backend.set_solver(&settings)?;
-    // Tables are there before light changes.
-    subset.backend.step()?;
+    subset.switch(&settings)?;
     subset.shine(true)?;
     let change = subset.light_before.clone();
     let (mut to_90, mut to_99, mut to_rest, mut noise) = (None, None, None, 0.0);
@@ -89,7 +87,7 @@ pub(super) fn measure(
 /// Error of light whose sources change every frame.
 fn moving(subset: &mut Subset, settings: SolverSettings) -> anyhow::Result<f64> {
     subset.settle(false)?;
-    subset.backend.set_solver(&settings)?;
+    subset.switch(&settings)?;
     let (before, after) = (subset.light_before.clone(), subset.light_after.clone());
     let mut sum = 0.0;
     for frame in 1..=2 * MOVING_PERIOD {
@@ -107,7 +105,7 @@ fn moving(subset: &mut Subset, settings: SolverSettings) -> anyhow::Result<f64> 
 
 fn steady(subset: &mut Subset, settings: SolverSettings, frames: u32) -> anyhow::Result<f64> {
     subset.settle(true)?;
-    subset.backend.set_solver(&settings)?;
+    subset.switch(&settings)?;
     let is_blend = settings.method.is_endless();
     let history = (STEADY_HISTORIES / (1.0 - settings.history_weight)) as u32;
     let frames = if is_blend { history.clamp(1, frames.max(1)) } else { frames };

@@ -111,6 +111,19 @@ impl Subset {
         Ok(self.backend.set_sources(&self.slots, &direct, &outside)?)
     }
 
+    /// Solves as `settings` say: steps until the matrix is there that they may need, and the tables.
+    pub(super) fn switch(&mut self, settings: &SolverSettings) -> anyhow::Result<()> {
+        self.backend.set_solver(settings)?;
+        for _ in 0..SETTLE_STEPS {
+            self.backend.step()?;
+            if self.backend.method() == settings.method {
+                self.backend.step()?;
+                return Ok(());
+            }
+        }
+        anyhow::bail!("{} did not begin within {SETTLE_STEPS} frames", settings.method)
+    }
+
     /// Gathers until the light before or after the change has settled, and reads it.
     pub(super) fn settle(&mut self, after: bool) -> anyhow::Result<Vec<Rgb>> {
         self.backend.set_solver(&SolverSettings { method: Method::Gather, ..SolverSettings::default() })?;
