@@ -24,6 +24,9 @@ const SAMPLE_BYTES: u64 = 200;
 /// The program, and what its allocator holds back.
 const BASE_BYTES: u64 = 64 << 20;
 
+/// One part of so many of a limit is spared for what is not known when trees are chosen.
+const SPARE: u64 = 4;
+
 /// What a bake may take; `None` for whatever there is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct MemoryLimit(pub Option<u64>);
@@ -116,12 +119,15 @@ pub fn estimated_patches(scene: &Scene, parameters: &BakeParameters, streamed: b
 }
 
 impl MemoryLimit {
-    /// One tree where it fits beside `others` bytes, else one a mesh; and what [`of_scene`] says of it.
+    /// One tree where it fits beside `others` bytes with room to spare, else one a mesh; and what [`of_scene`] says of it.
+    /// Chunks at work come on top, and how large they are is known only after the first rays.
     #[must_use]
     pub fn trees(self, scene: &Scene, cells: &Cells, others: u64) -> (Trees, u64) {
         let one = of_scene(scene, cells, Trees::One);
         match self.0 {
-            Some(limit) if one + others > limit => (Trees::OfMeshes, of_scene(scene, cells, Trees::OfMeshes)),
+            Some(limit) if one + others > limit - limit / SPARE => {
+                (Trees::OfMeshes, of_scene(scene, cells, Trees::OfMeshes))
+            }
             _ => (Trees::One, one),
         }
     }

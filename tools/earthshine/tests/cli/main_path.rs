@@ -83,7 +83,8 @@ fn from_a_seed_to_a_flight() {
         flown["camera_updates"].as_u64() > Some(10) && flown["last_patches"].as_u64() > Some(0),
         "{flown}"
     );
-    let by_solvers = ["--solvers", "hybrid,gather", "--admin", &served.admin, "--moving-sun", "--pictures", "2"];
+    let by_solvers =
+        ["--solvers", "hybrid,gather", "--admin", &served.admin, "--moving-sun", "--pictures", "2"];
     let pictures = ["--scene", "rooms.glb", "--out", "day", "--width", "32", "--height", "24"];
     let short = ["fly", "--server", &served.uri, "--seconds", "1", "--json"];
     let flown = run(here, &[&short[..], &by_solvers, &pictures].concat()).succeeds().json();
