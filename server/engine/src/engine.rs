@@ -39,7 +39,7 @@ pub struct Engine {
     /// What is held against every tick, and what it is computed from.
     pub(crate) promise: Arc<Promise>,
     pub(crate) prospect: Option<Prospect>,
-    /// What the view whose turn it was last had had of swaps; see [`LevelView::had`].
+    /// What the view whose turn it was last had had of swaps; see `LevelView::had`.
     pub(crate) swaps_had: u64,
     pub(crate) now_s: f64,
     pub(crate) counters: Counters,

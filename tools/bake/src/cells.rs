@@ -3,7 +3,7 @@
 //! The scene's box is cut into cells of a voxel. [`Cells`] holds a hash of what is in each; [`Seen`] notes the
 //! cells that some rays cross on their way to what they hit. If none of these cells has changed, the same rays hit
 //! the same things: nothing beyond what they hit, and nothing beside their way, matters. Where rays can be cast again
-//! from their seeds, [`crate::changes`] tells more finely which of them an edit concerns.
+//! from their seeds, `changes` tells more finely which of them an edit concerns.
 
 use crate::content::SceneContent;
 use crate::overlap::touched_cubes;

@@ -5,7 +5,7 @@
 //! patches exchange stays as it is, so that detail costs neither slots nor bounces. Light is read where it falls, not as
 //! a voxel's mean.
 //!
-//! Few rays find a lamp by chance. So patches that emit cast theirs towards detail voxels too ([`crate::emitted`]), and
+//! Few rays find a lamp by chance. So patches that emit cast theirs towards detail voxels too (`emitted`), and
 //! both estimates are averaged by what they vary (`with_emitters`). Long rows are thinned as those in the air are.
 
 use crate::emitted::FromEmitter;

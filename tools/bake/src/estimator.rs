@@ -80,14 +80,14 @@ impl Estimator<'_> {
     /// Casts the rays that [`Self::row`] casts for a row that comes to rest on `rays` of them, whatever they find.
     pub(crate) fn recast(&self, index: u32, rays: u32) {
         let Way::Refined(target) = &self.way else {
-            let _ = self.row(index);
+            drop(self.row(index));
             return;
         };
         let factor = if emits(self.caster.set, index as usize) { self.emitter_factor } else { 1 };
         let spread =
             self.caster.spread(index, target.rays_max.saturating_mul(factor).min(BakeMethod::RAYS_MAX));
         for first in (0..rays).step_by(BATCH_RAYS as usize) {
-            let _ = self.caster.run(index, &spread, first..first + BATCH_RAYS);
+            drop(self.caster.run(index, &spread, first..first + BATCH_RAYS));
         }
     }
 }

@@ -90,7 +90,7 @@ impl Points {
                 Basis::Near => Answer::Near,
             };
             let probe = Probe::new(changes, answer);
-            let _ = builder.exposure_test(Eye::asking(builder.tracer, &probe)).of(sample);
+            let _whatever = builder.exposure_test(Eye::asking(builder.tracer, &probe)).of(sample);
             probe.is_concerned()
         };
         points.with_min_len(BATCH).map(is_concerned).collect()
@@ -108,7 +108,7 @@ impl RaySets {
     fn of(builder: &Builder<'_>, sample: &SurfaceSample) -> Self {
         let count = |answer| {
             let trail = Trail::answering(answer);
-            let _ = test_of(builder, &trail).of(sample);
+            let _whatever = test_of(builder, &trail).of(sample);
             trail.take().len()
         };
         Self { open: count(Answer::Sky), near: count(Answer::Near) }
@@ -150,7 +150,7 @@ mod tests {
         let builder = Builder { tracer: &tracer, parameters: &parameters };
         let samples = builder.samples(&Silent);
         let rays = |trail: &Trail, sample: &SurfaceSample| {
-            let _ = test_of(&builder, trail).of(sample);
+            let _whatever = test_of(&builder, trail).of(sample);
             trail.take()
         };
         let mut counts = [0; 3];

@@ -1,6 +1,6 @@
 //! How the rays of a stage look at the scene.
 //!
-//! An [`Eye`] is a tracer that may keep record of its rays, or cast them without looking: asked by a [`Probe`], the same
+//! An [`Eye`] is a tracer that may keep record of its rays, or cast them without looking: asked by a `Probe`, the same
 //! code that casts a row's rays tells whether an edit can have changed what they find. Rays are made from seeds, so they
 //! need not be kept to be cast again.
 

@@ -115,7 +115,7 @@ impl SurfaceSource<'_> {
         }
         let rays = points.expose(&self.builder, &concerned, &seen);
         let at = changes.example().to_array();
-        let stale = (renewed > 0).then(|| Stale::Part { renewed, of: concerned.len() as u32, at });
+        let stale = (renewed > 0).then_some(Stale::Part { renewed, of: concerned.len() as u32, at });
         let record = self.finished(chunk, &points, Stamp { seen: seen.list(), ..now })?;
         Ok(SurfaceRecord { rays, stale, ..record })
     }

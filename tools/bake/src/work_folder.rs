@@ -7,7 +7,7 @@
 //! │ xxh3 of the rest │ key, own, look, state, payload bytes, seen cells │ (cell, content) each │ payload │, u64 but for
 //! the payload.
 //!
-//! Beside them lie the states of the scene ([`crate::changes`]) that stamps name.
+//! Beside them lie the states of the scene (`changes`) that stamps name.
 
 use crate::BakeError;
 use crate::cells::Cells;

@@ -149,7 +149,7 @@ pub(crate) fn sun_path() -> SunPath {
 /// Runs the subcommand.
 pub(crate) fn run(arguments: &FlyArguments) -> anyhow::Result<()> {
     let duration = Duration::try_from_secs_f32(arguments.seconds)
-        .map_err(|_| WrongUse("--seconds has to be a number, 0 or more"))?;
+        .map_err(|_out_of_range| WrongUse("--seconds has to be a number, 0 or more"))?;
     let sun = match &arguments.sun_path {
         Some(file) => Some(SunPath::load(file)?),
         None => arguments.moving_sun.then(sun_path),

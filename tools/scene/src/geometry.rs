@@ -202,7 +202,7 @@ impl<'a> Geometry<'a> {
         for primitive in self.meshes[&mesh].iter().filter(|primitive| primitive.triangles > 0) {
             let before = scene.triangles.len() + skipped.len();
             self.write_primitive(primitive, world, scene, |triangle| {
-                skipped.push((before - first + triangle) as u64)
+                skipped.push((before - first + triangle) as u64);
             })?;
         }
         let inverse = world.inverse();

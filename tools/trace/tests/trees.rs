@@ -1,5 +1,7 @@
 //! Both kinds of trees against each other: the same hits, bit for bit.
 
+#![expect(clippy::print_stdout, reason = "a skipped test says why, and figures are wanted beside a pass")]
+
 use earthshine_gen::{GenOptions, WorldKind};
 use earthshine_scene::{ImportOptions, Scene, load, load_bytes, scenes_dir};
 use earthshine_trace::SceneTracer;

@@ -1,4 +1,4 @@
-//! Whose table is rebuilt next: [`Turns`]. Urgent rows first, and a part of every step goes round all of them, so that none
+//! Whose table is rebuilt next: `Turns`. Urgent rows first, and a part of every step goes round all of them, so that none
 //! waits for ever while urgent ones keep changing.
 
 use super::links::LinkRows;
