@@ -78,14 +78,15 @@ impl Backends {
     /// Backends that solve as `config` says, with matrices where they need one.
     pub(crate) fn solving(&self, config: &SolverConfig) -> BackendFactory {
         let matrices = Arc::new(Mutex::new(self.matrices()));
-        // A matrix says first how many slots there is memory for.
-        let of_level = |level: usize| config.settings(u8::try_from(level).unwrap_or(u8::MAX), 0);
-        let needs_matrix = config.audit_every_ticks > 0
-            || (0..config.by_level.len()).any(|level| of_level(level).needs_matrix());
-        let method = if needs_matrix { Method::Matrix } else { Method::Gather };
+        let config = config.clone();
         Box::new(move |capacity| {
             let matrices = Arc::clone(&matrices);
             let make = move |capacity| (matrices.lock().unwrap_or_else(PoisonError::into_inner))(capacity);
+            let named = u8::try_from(config.by_level.len()).unwrap_or(u8::MAX);
+            let needs_matrix = config.audit_every_ticks > 0
+                || (0..named.max(1)).any(|level| config.settings(level, capacity, 0).needs_matrix());
+            // A matrix says first how many slots there is memory for.
+            let method = if needs_matrix { Method::Matrix } else { Method::Gather };
             // The engine tells each level's solver.
             let settings = SolverSettings { method, ..SolverSettings::default() };
             Ok(Box::new(SolverBackend::new(capacity, settings, Box::new(make))?) as Box<dyn Backend>)

@@ -85,7 +85,6 @@ mod tests {
         let wish = SolverWish::new(SolverConfig::default());
         for (text, words) in [
             ("by_level = [\"radiosity\"]", "radiosity"),
-            ("by_level = []", "solver.by_level"),
             ("samples = 3", "samples"),
             ("samples_per_row = 0", "solver.samples_per_row"),
             ("history_weight = 1.0", "solver.history_weight"),

@@ -46,6 +46,7 @@ pub fn backend_conformance_at(sizes: &[u32], make: impl Fn(u32) -> Box<dyn Backe
         add_then_remove_is_the_identity(&mut *fresh());
         nothing_changed_is_the_same_to_the_bit(&mut *fresh());
         a_newcomer_inherits_nothing(&mut *fresh());
+        what_is_cleared_is_as_new(&mut *fresh());
         what_is_of_no_interest_waits(&mut *fresh());
         a_repair_in_steps_ends_and_changes_nothing(&mut *fresh());
         refusals::a_loop_without_loss_is_refused_and_counted(&mut *fresh());
@@ -222,6 +223,20 @@ fn nothing_changed_is_the_same_to_the_bit(backend: &mut dyn Backend) {
     assert!(read(backend, &reversed).iter().rev().eq(&first));
     let changed = lit(backend, &slots[..1], &[Rgb::splat(1e3)], &[Rgb::splat(1e3)]);
     assert_ne!(changed[0], first[0], "another source is a change");
+}
+
+fn what_is_cleared_is_as_new(backend: &mut dyn Backend) {
+    let slots = furnish(backend, 0.5);
+    let sources: Vec<Rgb> = slots.iter().map(|slot| Rgb::new(slot.0 as f32, 1.0, 0.5)).collect();
+    let first = lit(backend, &slots, &sources, &sources);
+    backend.clear().expect("a device that works");
+    assert!(slots.iter().all(|&slot| !backend.is_taken(slot)));
+    backend.step().expect("a device that works");
+    furnish(backend, 0.5);
+    let again = lit(backend, &slots, &sources, &sources);
+    for (again, first) in again.iter().zip(&first) {
+        assert!((*again - *first).abs().max_element() <= 1e-5 * first.max_element(), "{again} was {first}");
+    }
 }
 
 /// Goal: interest never changes light. Method: what is of interest is what the step before would have given, to the

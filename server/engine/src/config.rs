@@ -1,6 +1,7 @@
 //! Limits and trade-offs of the engine, one key each. Where to start: [`EngineConfig`].
 
 use crate::solver_config::SolverConfig;
+use earthshine_radiosity::solver::SolverSettings;
 
 /// Settings of the engine. Every key has a default; an unknown key is an error.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -162,6 +163,18 @@ pub struct ConfigError {
 }
 
 impl EngineConfig {
+    /// Most slots of a level's local set.
+    #[must_use]
+    pub fn slots(&self, level: u8) -> u32 {
+        if level == 0 { self.resident_patches_max } else { self.coarse_patches_max }
+    }
+
+    /// How a view of `level` solves light.
+    #[must_use]
+    pub fn solver_settings(&self, level: u8) -> SolverSettings {
+        self.solver.settings(level, self.slots(level), self.seed)
+    }
+
     /// Largest `resident_patches_max`: 1.5 GiB a session.
     pub const RESIDENT_PATCHES_LIMIT: u32 = 16_384;
     /// Most detail voxels that a session is told of: with those emptied a delta is still one message.

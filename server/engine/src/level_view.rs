@@ -224,7 +224,7 @@ impl LevelView {
     /// Tells the backend how light is to be solved. One that refuses goes on as before.
     pub(crate) fn choose_solver(&mut self, config: &EngineConfig) {
         let Some(local) = &mut self.local else { return };
-        let settings = config.solver.settings(self.level, config.seed);
+        let settings = config.solver_settings(self.level);
         let chosen = local.backend.set_solver(&settings).and_then(|has_choice| {
             local.is_endless = has_choice && settings.method.is_endless();
             local.has_tables = has_choice && settings.method.draws();

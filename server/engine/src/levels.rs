@@ -27,7 +27,7 @@ impl LevelPlan {
         let top = counts.len().saturating_sub(1);
         let plan = |(at, &patches): (usize, &u64)| {
             let level = at as u8;
-            let most = if level == 0 { config.resident_patches_max } else { config.coarse_patches_max };
+            let most = config.slots(level);
             // Level 0 keeps the matrix it was asked for: a world may grow under a session.
             let needed = if level == 0 { u64::from(most) } else { patches.clamp(1, u64::from(most)) };
             Self {

@@ -7,7 +7,8 @@ use earthshine_radiosity::solver::{DrawnRows, Method, SettingsError, SolverSetti
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SolverConfig {
-    /// The solver of each level, finest first; the last serves all further levels. At least one.
+    /// The solver of each level, finest first; the last serves all further levels. Empty: `matrix` for levels of at most
+    /// [`Self::MATRIX_SLOTS_MAX`] slots, `hybrid` for larger ones.
     ///
     /// - `matrix`: exact at once; memory and the time of a swap grow with the square of the patches.
     /// - `hybrid`: for more patches than a matrix fits; a change of light takes a few ticks, still light costs nothing.
@@ -42,7 +43,7 @@ impl Default for SolverConfig {
     fn default() -> Self {
         let settings = SolverSettings::default();
         Self {
-            by_level: vec![Method::Matrix],
+            by_level: Vec::new(),
             drawn_rows: DrawnRows::FormFactors,
             samples_per_row: settings.samples_per_row,
             history_weight: settings.history_weight,
@@ -55,12 +56,16 @@ impl Default for SolverConfig {
 }
 
 impl SolverConfig {
-    /// What the backend of a view of `level` is told.
+    /// Most slots for which a matrix is chosen where no solver is named: beyond, a swap and a frame of `hybrid` cost less.
+    pub const MATRIX_SLOTS_MAX: u32 = 4096;
+
+    /// What the backend of a view of `level` with so many `slots` is told.
     #[must_use]
-    pub fn settings(&self, level: u8, seed: u64) -> SolverSettings {
-        let solver = self.by_level.get(usize::from(level)).or(self.by_level.last()).copied();
+    pub fn settings(&self, level: u8, slots: u32, seed: u64) -> SolverSettings {
+        let named = self.by_level.get(usize::from(level)).or(self.by_level.last()).copied();
+        let by_size = if slots <= Self::MATRIX_SLOTS_MAX { Method::Matrix } else { Method::Hybrid };
         SolverSettings {
-            method: solver.unwrap_or_default(),
+            method: named.unwrap_or(by_size),
             rows: self.drawn_rows,
             seed: seed as u32,
             samples_per_row: self.samples_per_row,
@@ -77,10 +82,7 @@ impl SolverConfig {
     /// The first key that is out of it.
     pub fn validate(&self) -> Result<(), ConfigError> {
         let error = |key, value: String, cause| Err(ConfigError { key, value, cause });
-        if self.by_level.is_empty() {
-            return error("solver.by_level", "[]".to_owned(), "it has to name a solver at least");
-        }
-        match self.settings(0, 0).validate() {
+        match self.settings(0, 0, 0).validate() {
             Ok(()) => Ok(()),
             Err(SettingsError::Samples(k)) => {
                 error("solver.samples_per_row", k.to_string(), "it has to be between 1 and 4096")
@@ -105,8 +107,7 @@ mod tests {
     #[test]
     fn each_impossible_value_is_refused_by_name() {
         type Spoil = fn(&mut SolverConfig);
-        let cases: [(&str, Spoil); 7] = [
-            ("solver.by_level", |c| c.by_level.clear()),
+        let cases: [(&str, Spoil); 6] = [
             ("solver.samples_per_row", |c| c.samples_per_row = 0),
             ("solver.history_weight", |c| c.history_weight = 1.0),
             ("solver.history_weight", |c| c.history_weight = -0.5),
@@ -123,13 +124,24 @@ mod tests {
     }
 
     #[test]
+    fn without_a_name_the_size_decides() {
+        let config = SolverConfig::default();
+        let method = |slots| config.settings(0, slots, 1).method;
+        let most = SolverConfig::MATRIX_SLOTS_MAX;
+        assert_eq!(
+            [method(1), method(most), method(most + 1)],
+            [Method::Matrix, Method::Matrix, Method::Hybrid]
+        );
+    }
+
+    #[test]
     fn levels_beyond_the_list_use_its_last_solver() {
         let config: SolverConfig = toml::from_str("by_level = [\"hybrid\", \"matrix\"]").unwrap();
-        let method = |level| config.settings(level, 1).method;
+        let method = |level| config.settings(level, 100, 1).method;
         assert_eq!([method(0), method(1), method(9)], [Method::Hybrid, Method::Matrix, Method::Matrix]);
         assert!(toml::from_str::<SolverConfig>("by_level = [\"radiosity\"]").is_err());
         let coloured: SolverConfig = toml::from_str("drawn_rows = \"multibounce\"").unwrap();
-        assert_eq!(coloured.settings(0, 1).rows, DrawnRows::Multibounce);
+        assert_eq!(coloured.settings(0, 100, 1).rows, DrawnRows::Multibounce);
         assert!(toml::from_str::<SolverConfig>("drawn_rows = \"matrix\"").is_err());
         assert!("hybrid".parse::<Method>() == Ok(Method::Hybrid));
         assert!("magic".parse::<Method>().unwrap_err().contains("progressive"));

@@ -92,7 +92,7 @@ fn solvers_change_while_frames_go_on() {
     let before = harness.engine.stats().counters.ignored.solvers;
     harness
         .events
-        .push(Event::Solver { solver: SolverConfig { by_level: Vec::new(), ..SolverConfig::default() } });
+        .push(Event::Solver { solver: SolverConfig { samples_per_row: 0, ..SolverConfig::default() } });
     harness.tick();
     assert_eq!(harness.engine.stats().counters.ignored.solvers, before + 1);
     assert_eq!(harness.engine.config().solver, solved_by(Method::Hybrid));

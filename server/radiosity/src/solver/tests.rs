@@ -1,5 +1,7 @@
 //! Every method against the matrix, through the trait: steady light, steps of light, streaming, changes of method.
 
+mod clearing;
+
 use super::links::LinkRows;
 use super::sampler::{FAR, RowSampler, SKY};
 use super::shooting::SETTLE_FRAMES;

@@ -93,7 +93,7 @@ fn from_a_seed_to_a_flight() {
     assert!(std::fs::read(here.join("day/animation.gif")).expect("an animation").starts_with(b"GIF89a"));
     assert!(here.join("day/strip.png").is_file());
     let after = run(here, &["solver", "--admin", &served.admin]).succeeds().output;
-    assert!(after.contains("matrix"), "put back: {after}");
+    assert!(after.contains("by_level = []"), "put back: {after}");
     let (code, last_words) = served.terminate();
     assert_eq!(code, Some(0), "{last_words}");
     assert!(!last_words.contains("panicked"), "{last_words}");

@@ -85,5 +85,5 @@ fn a_service_refuses_solvers_that_cannot_be() {
         .fails(CONFIGURATION, &["solver.samples_per_row", "between 1 and 4096"]);
     with(&["--set", "engine.solver.history_weight=1"])
         .fails(CONFIGURATION, &["solver.history_weight", "below 1"]);
-    with(&["--set", "engine.solver.by_level=[]"]).fails(CONFIGURATION, &["solver.by_level"]);
+    with(&["--set", "engine.solver.by_level=3"]).fails(CONFIGURATION, &["by_level"]);
 }

@@ -88,7 +88,9 @@ pub(super) fn run(arguments: &FlightArguments, json: bool) -> anyhow::Result<()>
     .resolve()?;
     config.listen.set_port(0);
     config.admin_listen.set_port(0);
-    let solvers: Vec<&str> = config.engine.solver.by_level.iter().map(|solver| solver.name()).collect();
+    let levels = 0..config.engine.solver.by_level.len().max(1);
+    let solvers: Vec<&str> =
+        levels.map(|level| config.engine.solver_settings(level as u8).method.name()).collect();
     let solvers = solvers.join(",");
     let runtime = tokio::runtime::Runtime::new().context("the asynchronous runtime could not start")?;
     let (flown, backend) = runtime.block_on(async {
