@@ -1,37 +1,17 @@
 //! The main path: hello, camera, volume, delta, and the light is right.
 
+use crate::plates::{CAMERA, WIRE_REL, plates_error, settled};
 use crate::world::{
     AIR_SHARE, AIR_VOXEL, EMITTED, POSITIONS, REFLECTANCES, Raw, Service, closed_form, within,
 };
-use earthshine_client::{Camera, Client, ClientOptions, Light, Lights, Vec3};
+use earthshine_client::{Client, ClientOptions, Light, Lights, Vec3};
 use earthshine_protocol::v1::{
     self, client_message::Message, lighting_client::LightingClient, server_message,
 };
-use std::sync::Arc;
-
-const CAMERA: Camera =
-    Camera { position: Vec3::new(6.5, 4.5, 4.5), forward: Vec3::NEG_X, velocity: Vec3::ZERO };
-
-async fn settled(client: &mut Client) -> Arc<Light> {
-    within(async {
-        loop {
-            let light = client.next_light().await.unwrap();
-            if light.frame().settled {
-                return light;
-            }
-        }
-    })
-    .await
-}
 
 fn assert_light(light: &Light, factor: f32) {
-    for ((position, normal), expected) in POSITIONS.into_iter().zip([Vec3::X, Vec3::NEG_X]).zip(closed_form())
-    {
-        let found = light.lookup(position, normal).expect("light here");
-        let error = (found.irradiance - expected * factor).abs().max_element() / expected.max_element();
-        // RGB9E5 has nine bits.
-        assert!(error < 1.0 / 400.0, "{:?} instead of {:?}", found.irradiance, expected * factor);
-    }
+    let found = plates_error(light, factor);
+    assert!(found < WIRE_REL, "{found}");
 }
 
 /// What arrives between the plates from the lamp's side.

@@ -1,35 +1,8 @@
 //! Operators change solvers while clients look on: light does not jump, and what cannot be is refused by name.
 
-use crate::world::{POSITIONS, Service, closed_form, within};
-use earthshine_client::{Camera, Client, ClientOptions, Light, Vec3};
-use std::sync::Arc;
-
-const CAMERA: Camera =
-    Camera { position: Vec3::new(6.5, 4.5, 4.5), forward: Vec3::NEG_X, velocity: Vec3::ZERO };
-
-/// Largest relative error of both plates' light: RGB9E5 has nine bits.
-const JUMP_MAX: f32 = 1.0 / 400.0;
-
-fn error(light: &Light) -> f32 {
-    let normals = [Vec3::X, Vec3::NEG_X];
-    let of = |((position, normal), expected): ((Vec3, Vec3), Vec3)| {
-        let found = light.lookup(position, normal).expect("light here");
-        (found.irradiance - expected).abs().max_element() / expected.max_element()
-    };
-    POSITIONS.into_iter().zip(normals).zip(closed_form()).map(of).fold(0.0, f32::max)
-}
-
-async fn settled(client: &mut Client) -> Arc<Light> {
-    within(async {
-        loop {
-            let light = client.next_light().await.unwrap();
-            if light.frame().settled {
-                return light;
-            }
-        }
-    })
-    .await
-}
+use crate::plates::{CAMERA, WIRE_REL, plates_error, settled};
+use crate::world::Service;
+use earthshine_client::{Client, ClientOptions};
 
 /// Goal: no jump. Method: every solver in turn under a client that looks on, frames of thirty ticks after each change; no
 /// light that it ever holds is further from the closed form than the wire's own rounding.
@@ -38,7 +11,7 @@ async fn solvers_change_under_a_client_without_a_jump() {
     let service = Service::start(|_| ()).await;
     let mut client = Client::connect(&service.uri, ClientOptions::default()).await.unwrap();
     client.set_camera(CAMERA).unwrap();
-    assert!(error(&*settled(&mut client).await) < JUMP_MAX);
+    assert!(plates_error(&*settled(&mut client).await, 1.0) < WIRE_REL);
     for solver in ["hybrid", "matrix", "gather", "progressive", "hybrid", "matrix"] {
         let wish = format!("by_level = [\"{solver}\"]");
         let (status, text) = service.ask("PUT", "/solver", "", &wish).await;
@@ -46,8 +19,8 @@ async fn solvers_change_under_a_client_without_a_jump() {
         let ticks = service.metric("earthshine_engine_ticks_total").await;
         for after in 1..=10 {
             service.metric_reaches("earthshine_engine_ticks_total", ticks + f64::from(after) * 3.0).await;
-            let found = error(&client.light());
-            assert!(found < JUMP_MAX, "{solver}, {after}: {found}");
+            let found = plates_error(&client.light(), 1.0);
+            assert!(found < WIRE_REL, "{solver}, {after}: {found}");
         }
         assert!(service.get("/solver").await.1.contains(solver));
     }

@@ -10,7 +10,7 @@ mod residents;
 use super::draws::Draws;
 use super::links::LinkRows;
 use super::sampler::RowSampler;
-use super::shooting::{ShotStats, Unshot};
+use super::shooting::Unshot;
 use super::temporal::RowNoise;
 use super::{DrawnRows, Light, Method, SolverSettings, guard, rgb};
 use crate::backend::{ApplyStats, Backend, BackendError, MIN_PIVOT, Repaired, Slot, StepStats, Update};
@@ -69,7 +69,6 @@ pub struct SolverBackend {
     frame: u32,
     guard_cursor: usize,
     changed: bool,
-    last_shot: ShotStats,
 }
 
 impl std::fmt::Debug for SolverBackend {
@@ -118,7 +117,6 @@ impl SolverBackend {
             frame: 0,
             guard_cursor: 0,
             changed: true,
-            last_shot: ShotStats::default(),
         };
         backend.choose(settings)?;
         Ok(backend)
@@ -140,12 +138,6 @@ impl SolverBackend {
     #[must_use]
     pub fn links(&self) -> &LinkRows {
         &self.links
-    }
-
-    /// What the last step shot.
-    #[must_use]
-    pub fn last_shot(&self) -> ShotStats {
-        self.last_shot
     }
 
     fn choose(&mut self, settings: SolverSettings) -> Result<(), BackendError> {

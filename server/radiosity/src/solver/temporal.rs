@@ -51,7 +51,7 @@ pub struct Drawn {
     pub variance: f32,
 }
 
-/// The light of one row from `samples` draws. The twin of the shaders' `gather_temporal`.
+/// The light of one row from `samples` draws. The twin of the shaders' `advance_row`.
 #[inline]
 pub fn drawn<T: RowTable>(
     row: &RowDraw<T>,

@@ -76,18 +76,16 @@ impl SolverBackend {
             State::Gather { .. } => self.advance_gathered(),
             State::Drawn(..) => self.advance_drawn()?,
             State::Progressive(unshot) => {
-                self.last_shot =
-                    unshot.step(&self.links, &self.direct, &self.outside, shots, &mut self.irradiance);
+                unshot.step(&self.links, &self.direct, &self.outside, shots, &mut self.irradiance);
             }
             State::Hybrid(unshot, sampler, rest) => {
                 let rebuilt = sampler.rebuild(&self.links, &self.sky_shares, &self.order, budget);
                 rebuilt.map_err(BackendError::Table)?;
-                self.last_shot =
-                    unshot.step(&self.links, &self.direct, &self.outside, shots, &mut self.irradiance);
-                if self.last_shot.unshot_share > remainder::UNSHOT_MIN && !unshot.is_settled {
+                let shot = unshot.step(&self.links, &self.direct, &self.outside, shots, &mut self.irradiance);
+                if shot.unshot_share > remainder::UNSHOT_MIN && !unshot.is_settled {
                     let (settings, frame) = (&self.settings, self.frame);
                     remainder::step(&self.links, sampler, &unshot.exitance, settings, frame, rest);
-                } else if self.last_shot.unshot_share <= remainder::UNSHOT_MIN {
+                } else if shot.unshot_share <= remainder::UNSHOT_MIN {
                     rest.fill([0.0; 4]);
                 }
             }
