@@ -3,19 +3,14 @@
 //! A matrix is kept only while a method or an audit asks for it. Where it has to be made for patches that are there
 //! already, that takes some steps, [`MATRIX_ADDS_A_STEP`] patches each; the method before goes on meanwhile.
 
-mod advance;
 mod matrix;
-mod residents;
 
-use super::draws::Draws;
 use super::links::LinkRows;
-use super::sampler::RowSampler;
-use super::shooting::Unshot;
-use super::temporal::RowNoise;
-use super::{DrawnRows, Light, Method, SolverSettings, guard, rgb};
+use super::residents::Residents;
+use super::row_light::{Frame, RowLight, RowLightFactory};
+use super::{CpuRowLight, DrawnRows, Light, Method, SolverSettings};
 use crate::backend::{ApplyStats, Backend, BackendError, MIN_PIVOT, Repaired, Slot, StepStats, Update};
 use crate::slot_check;
-use crate::tables::CdfTable;
 use crate::update_check::UpdateCheck;
 use earthshine_world::Rgb;
 
@@ -24,37 +19,23 @@ pub type MatrixFactory = Box<dyn FnMut(u32) -> Result<Box<dyn Backend>, BackendE
 
 /// Patches that a step brings into a matrix that is being made.
 pub const MATRIX_ADDS_A_STEP: usize = 64;
-/// Squared relative change of a bounce below which gathering has settled.
-const GATHER_SETTLED: f64 = 1e-12;
 
-/// What the method of the moment keeps besides light.
-enum State {
-    /// Light comes from the matrix.
-    Matrix,
-    /// Bounces of all rows.
-    Gather { is_settled: bool },
-    /// Draws, from tables of the method's kind over rows of either kind.
-    Drawn(Method, DrawnRows, Box<dyn Draws>, Vec<RowNoise>),
-    /// Shots.
-    Progressive(Unshot),
-    /// Shots, draws and what they estimate.
-    Hybrid(Unshot, RowSampler<CdfTable>, Vec<Light>),
+/// Light that is advanced over rows.
+struct OnRows {
+    method: Method,
+    rows: DrawnRows,
+    light: Box<dyn RowLight>,
 }
 
 /// A backend that solves over sparse rows, or by a matrix of another backend, as its settings say.
 pub struct SolverBackend {
     settings: SolverSettings,
-    links: LinkRows,
-    direct: Vec<Light>,
-    outside: Vec<Light>,
-    /// What of `outside` is the sky's, and its share of the row.
-    sky: Vec<Light>,
-    sky_shares: Vec<f32>,
+    residents: Residents,
     /// Slots, most urgent first.
     order: Vec<u32>,
-    /// Light without what a hybrid estimates.
-    irradiance: Vec<Light>,
-    state: State,
+    /// None: light comes from the matrix.
+    on_rows: Option<OnRows>,
+    make_light: RowLightFactory,
     make_matrix: MatrixFactory,
     matrix: Option<Box<dyn Backend>>,
     is_audited: bool,
@@ -62,12 +43,7 @@ pub struct SolverBackend {
     is_matrix_behind: bool,
     interest: Option<Vec<Slot>>,
     check: UpdateCheck,
-    /// Room for what leaves, and for what draws of the outside bring.
-    sent: Vec<Light>,
-    drawn_far: Vec<Light>,
-    drawn_sky: Vec<Light>,
     frame: u32,
-    guard_cursor: usize,
     changed: bool,
 }
 
@@ -75,47 +51,51 @@ impl std::fmt::Debug for SolverBackend {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("SolverBackend")
             .field("settings", &self.settings)
-            .field("resident", &self.links.taken_count())
+            .field("resident", &self.residents.links.taken_count())
             .finish_non_exhaustive()
     }
 }
 
 impl SolverBackend {
-    /// Empty, for `capacity` slots. `make_matrix` is called once a matrix is wanted: if that is at once and it has fewer
-    /// slots, so has this.
+    /// Empty, for `capacity` slots, with light on the CPU. `make_matrix` is called once a matrix is wanted: if that is at
+    /// once and it has fewer slots, so has this.
     ///
     /// # Errors
     /// [`BackendError::Settings`], or what `make_matrix` says.
     pub fn new(
         capacity: u32,
         settings: SolverSettings,
+        make_matrix: MatrixFactory,
+    ) -> Result<Self, BackendError> {
+        Self::with_light(capacity, settings, make_matrix, CpuRowLight::factory())
+    }
+
+    /// As [`Self::new`], with light on rows as `make_light` makes it, for every method but the matrix.
+    ///
+    /// # Errors
+    /// [`BackendError::Settings`], or what `make_matrix` and `make_light` say.
+    pub fn with_light(
+        capacity: u32,
+        settings: SolverSettings,
         mut make_matrix: MatrixFactory,
+        make_light: RowLightFactory,
     ) -> Result<Self, BackendError> {
         settings.validate().map_err(BackendError::Settings)?;
         let matrix = if settings.needs_matrix() { Some(make_matrix(capacity)?) } else { None };
         let slots = matrix.as_ref().map_or(capacity, |matrix| matrix.capacity()) as usize;
-        let dark = vec![[0.0; 4]; slots];
         let mut backend = Self {
             settings,
-            links: LinkRows::new(slots),
-            direct: dark.clone(),
-            outside: dark.clone(),
-            sky: dark.clone(),
-            sky_shares: vec![0.0; slots],
+            residents: Residents::new(slots),
             order: Vec::new(),
-            irradiance: dark.clone(),
-            state: State::Gather { is_settled: true },
+            on_rows: None,
+            make_light,
             make_matrix,
             matrix,
             is_audited: false,
             is_matrix_behind: false,
             interest: None,
             check: UpdateCheck::new(slots),
-            sent: dark.clone(),
-            drawn_far: dark.clone(),
-            drawn_sky: dark,
             frame: 0,
-            guard_cursor: 0,
             changed: true,
         };
         backend.choose(settings)?;
@@ -125,19 +105,13 @@ impl SolverBackend {
     /// The method in use; while a matrix is being made, the one before.
     #[must_use]
     pub fn method(&self) -> Method {
-        match self.state {
-            State::Matrix => Method::Matrix,
-            State::Gather { .. } => Method::Gather,
-            State::Drawn(method, ..) => method,
-            State::Progressive(_) => Method::Progressive,
-            State::Hybrid(..) => Method::Hybrid,
-        }
+        self.on_rows.as_ref().map_or(Method::Matrix, |on_rows| on_rows.method)
     }
 
     /// The rows.
     #[must_use]
     pub fn links(&self) -> &LinkRows {
-        &self.links
+        &self.residents.links
     }
 
     fn choose(&mut self, settings: SolverSettings) -> Result<(), BackendError> {
@@ -147,11 +121,11 @@ impl SolverBackend {
             self.settings = settings;
             self.enter_if_whole()?;
         } else {
+            if !self.is_entered(&settings) {
+                self.enter(&settings)?;
+            }
             // Also one that was asked for and not whole yet.
             self.leave_matrix();
-            if !self.is_entered(&settings) {
-                self.enter(&settings);
-            }
         }
         self.settings = settings;
         self.changed = true;
@@ -160,34 +134,87 @@ impl SolverBackend {
 
     /// Whether light is advanced as `settings` say already.
     fn is_entered(&self, settings: &SolverSettings) -> bool {
-        let has_rows = match self.state {
-            State::Drawn(_, rows, ..) => rows == settings.rows,
-            _ => true,
+        match &self.on_rows {
+            Some(OnRows { method, rows, .. }) => {
+                *method == settings.method && (!method.is_endless() || *rows == settings.rows)
+            }
+            None => settings.method == Method::Matrix,
+        }
+    }
+
+    /// Advances light by another method from now on, from where it is.
+    fn enter(&mut self, settings: &SolverSettings) -> Result<(), BackendError> {
+        if settings.method == Method::Matrix {
+            self.on_rows = None;
+            return Ok(());
+        }
+        let mut light = vec![[0.0; 4]; self.residents.links.capacity()];
+        let (slots, irradiance) = self.light()?;
+        for (slot, irradiance) in slots.iter().zip(irradiance) {
+            light[slot.0 as usize] = super::light(irradiance);
+        }
+        let light = (self.make_light)(&mut self.residents, settings, &light)?;
+        self.on_rows = Some(OnRows { method: settings.method, rows: settings.rows, light });
+        Ok(())
+    }
+
+    /// All light as it would be published now, by slot.
+    fn light(&mut self) -> Result<(Vec<Slot>, Vec<Rgb>), BackendError> {
+        let slots: Vec<Slot> = match (&self.on_rows, &self.matrix) {
+            (None, None) => Vec::new(),
+            (None, Some(matrix)) => self.slots(|slot| matrix.is_taken(slot)),
+            (Some(_), _) => self.slots(|slot| self.is_taken(slot)),
         };
-        self.method() == settings.method && has_rows
+        let mut light = vec![Rgb::ZERO; slots.len()];
+        match (&mut self.on_rows, &mut self.matrix) {
+            (Some(on_rows), _) => on_rows.light.read(&self.residents, &slots, &mut light)?,
+            (None, Some(matrix)) => matrix.read_irradiance(&slots, &mut light)?,
+            (None, None) => {}
+        }
+        Ok((slots, light))
+    }
+
+    fn slots(&self, is_meant: impl Fn(Slot) -> bool) -> Vec<Slot> {
+        (0..self.capacity()).map(Slot).filter(|&slot| is_meant(slot)).collect()
     }
 
     /// Whether the matrix has to have every update at once: light comes from it, whole or drawn.
     fn lives_on_matrix(&self) -> bool {
-        matches!(self.state, State::Matrix | State::Drawn(_, DrawnRows::Multibounce, ..))
+        self.on_rows
+            .as_ref()
+            .is_none_or(|on_rows| on_rows.method.is_endless() && on_rows.rows == DrawnRows::Multibounce)
     }
 
-    fn published(&self, slot: usize) -> Rgb {
-        let light = rgb(self.irradiance[slot]);
-        match &self.state {
-            State::Hybrid(_, _, rest) => light + rgb(rest[slot]),
-            _ => light,
+    fn apply_to_rows(&mut self, updates: &[Update]) -> Result<(), BackendError> {
+        let Self { residents, on_rows, .. } = self;
+        self.changed |= !updates.is_empty();
+        for update in updates {
+            match update {
+                Update::Add { slot, reflectance, area, row, column: _ } => {
+                    let at = slot.0 as usize;
+                    let entries = row.iter().map(|&(other, share)| (other.0 as usize, share));
+                    residents.links.add(at, *area, *reflectance, entries);
+                    on_rows.as_mut().map_or(Ok(()), |on_rows| on_rows.light.come(residents, at))?;
+                }
+                Update::Remove { slot } if residents.links.is_taken(slot.0 as usize) => {
+                    let at = slot.0 as usize;
+                    on_rows.as_mut().map_or(Ok(()), |on_rows| on_rows.light.leave(residents, at))?;
+                    residents.remove(at);
+                }
+                Update::Remove { .. } => {}
+            }
         }
+        Ok(())
     }
 }
 
 impl Backend for SolverBackend {
     fn capacity(&self) -> u32 {
-        self.links.capacity() as u32
+        self.residents.links.capacity() as u32
     }
 
     fn apply(&mut self, updates: &[Update]) -> Result<ApplyStats, BackendError> {
-        self.check.check(updates, |slot| self.links.area(slot.0 as usize))?;
+        self.check.check(updates, |slot| self.residents.links.area(slot.0 as usize))?;
         if self.lives_on_matrix() {
             let matrix = self.matrix.as_mut().expect("what lives on a matrix has one");
             let stats = matrix.apply(updates)?;
@@ -195,7 +222,7 @@ impl Backend for SolverBackend {
                 |update: &&Update| !matches!(update, Update::Add { slot, .. } if !matrix.is_taken(*slot));
             // Who was refused has no links either.
             let taken: Vec<Update> = updates.iter().filter(is_in).cloned().collect();
-            self.apply_to_links(&taken);
+            self.apply_to_rows(&taken)?;
             return Ok(stats);
         }
         if let Some(matrix) = &mut self.matrix {
@@ -218,18 +245,23 @@ impl Backend for SolverBackend {
                 }
                 Update::Remove { .. } => stats.removed += 1,
             }
-            self.apply_to_links(std::slice::from_ref(update));
+            self.apply_to_rows(std::slice::from_ref(update))?;
         }
         Ok(stats)
     }
 
     fn is_taken(&self, slot: Slot) -> bool {
-        (slot.0 as usize) < self.links.capacity() && self.links.is_taken(slot.0 as usize)
+        slot.0 < self.capacity() && self.residents.links.is_taken(slot.0 as usize)
     }
 
     fn clear(&mut self) -> Result<(), BackendError> {
         self.matrix.as_mut().map_or(Ok(()), |matrix| matrix.clear())?;
-        self.clear_links();
+        self.residents.clear();
+        self.changed = true;
+        let Some(on_rows) = &mut self.on_rows else { return Ok(()) };
+        let settings = SolverSettings { method: on_rows.method, rows: on_rows.rows, ..self.settings };
+        let dark = vec![[0.0; 4]; self.residents.links.capacity()];
+        on_rows.light = (self.make_light)(&mut self.residents, &settings, &dark)?;
         Ok(())
     }
 
@@ -241,7 +273,7 @@ impl Backend for SolverBackend {
     ) -> Result<(), BackendError> {
         slot_check::are_sources(slots, direct_exitance, outside_irradiance)?;
         slot_check::all_taken(slots, self.capacity(), |slot| self.is_taken(slot))?;
-        if matches!(self.state, State::Matrix) {
+        if self.on_rows.is_none() {
             let matrix = self.matrix.as_mut().expect("the matrix method has a matrix");
             matrix.set_sources(slots, direct_exitance, outside_irradiance)?;
         } else {
@@ -251,16 +283,17 @@ impl Backend for SolverBackend {
             let slot = slot.0 as usize;
             let (direct, outside) = (super::light(direct), super::light(outside));
             let gap = |new: &Light, old: &Light| std::array::from_fn(|c| new[c] - old[c]);
+            let (direct_before, outside_before) =
+                (&mut self.residents.direct[slot], &mut self.residents.outside[slot]);
             let (more, in_more): (Light, Light) =
-                (gap(&direct, &self.direct[slot]), gap(&outside, &self.outside[slot]));
+                (gap(&direct, direct_before), gap(&outside, outside_before));
             if more == [0.0; 4] && in_more == [0.0; 4] {
                 continue;
             }
             self.changed = true;
-            (self.direct[slot], self.outside[slot]) = (direct, outside);
-            if let State::Progressive(unshot) | State::Hybrid(unshot, ..) = &mut self.state {
-                super::add_scaled(&mut self.irradiance[slot], 1.0, &in_more);
-                unshot.change(super::light(self.links.reflectance(slot)), slot, more, in_more);
+            (*direct_before, *outside_before) = (direct, outside);
+            if let Some(on_rows) = &mut self.on_rows {
+                on_rows.light.change(&self.residents, slot, &more, &in_more);
             }
         }
         Ok(())
@@ -276,14 +309,11 @@ impl Backend for SolverBackend {
         slot_check::all_taken(slots, self.capacity(), |slot| self.is_taken(slot))?;
         for ((slot, &share), &light) in slots.iter().zip(sky_shares).zip(sky_irradiance) {
             let (slot, light) = (slot.0 as usize, super::light(light));
-            if std::mem::replace(&mut self.sky_shares[slot], share) != share {
-                match &mut self.state {
-                    State::Drawn(_, _, draws, _) => draws.outdate(slot),
-                    State::Hybrid(_, sampler, _) => sampler.outdate(slot),
-                    _ => {}
-                }
+            let is_new = std::mem::replace(&mut self.residents.sky_shares[slot], share) != share;
+            if let Some(on_rows) = self.on_rows.as_mut().filter(|_| is_new) {
+                on_rows.light.outdate(slot);
             }
-            self.changed |= std::mem::replace(&mut self.sky[slot], light) != light;
+            self.changed |= std::mem::replace(&mut self.residents.sky[slot], light) != light;
         }
         Ok(())
     }
@@ -303,8 +333,8 @@ impl Backend for SolverBackend {
     }
 
     fn is_current(&self, slot: Slot) -> bool {
-        match (&self.state, &self.matrix) {
-            (State::Matrix, Some(matrix)) => matrix.is_current(slot),
+        match (&self.on_rows, &self.matrix) {
+            (None, Some(matrix)) => matrix.is_current(slot),
             _ => self.is_taken(slot),
         }
     }
@@ -314,48 +344,37 @@ impl Backend for SolverBackend {
             self.complete_matrix()?;
         }
         self.enter_if_whole()?;
-        if let (State::Matrix, Some(matrix)) = (&self.state, &mut self.matrix) {
+        if let (None, Some(matrix)) = (&self.on_rows, &mut self.matrix) {
             self.changed = false;
             return matrix.step();
         }
-        let lit_columns =
-            self.direct.iter().zip(&self.outside).filter(|&(a, b)| *a != [0.0; 4] || *b != [0.0; 4]).count();
+        let Residents { direct, outside, .. } = &self.residents;
+        let is_lit = |&(own, outside): &(&Light, &Light)| *own != [0.0; 4] || *outside != [0.0; 4];
+        let lit_columns = direct.iter().zip(outside).filter(is_lit).count() as u32;
         let recomputed = std::mem::take(&mut self.changed) || !self.is_settled();
-        if recomputed {
-            if let State::Gather { is_settled } = &mut self.state {
-                *is_settled = false;
-            }
-            self.advance()?;
-            self.frame = self.frame.wrapping_add(1);
-            guard::check(&self.links, &self.irradiance, &mut self.guard_cursor)?;
+        if let Some(on_rows) = self.on_rows.as_mut().filter(|_| recomputed) {
+            let number = self.frame;
+            self.frame = number.wrapping_add(1);
+            let matrix = self.matrix.as_deref_mut().map(|matrix| matrix as &mut dyn Backend);
+            // Until a matrix is whole, the method before goes on.
+            let settings = SolverSettings { method: on_rows.method, rows: on_rows.rows, ..self.settings };
+            let frame = Frame { settings: &settings, number, order: &self.order, matrix };
+            on_rows.light.advance(&mut self.residents, frame)?;
         }
-        Ok(StepStats { lit_columns: lit_columns as u32, recomputed })
+        Ok(StepStats { lit_columns, recomputed })
     }
 
     fn is_settled(&self) -> bool {
         !self.changed
             && self.is_entered(&self.settings)
-            && match &self.state {
-                State::Matrix => self.matrix.as_ref().is_none_or(|matrix| matrix.is_settled()),
-                State::Gather { is_settled } => *is_settled,
-                State::Drawn(..) => false,
-                State::Progressive(unshot) | State::Hybrid(unshot, ..) => unshot.is_settled,
+            && match &self.on_rows {
+                None => self.matrix.as_ref().is_none_or(|matrix| matrix.is_settled()),
+                Some(on_rows) => on_rows.light.is_settled(),
             }
     }
 
     fn set_solver(&mut self, settings: &SolverSettings) -> Result<bool, BackendError> {
         if *settings != self.settings {
-            if let (State::Matrix, Some(matrix)) = (&self.state, &mut self.matrix) {
-                let slots: Vec<Slot> = (0..self.links.capacity() as u32)
-                    .map(Slot)
-                    .filter(|&slot| matrix.is_taken(slot))
-                    .collect();
-                let mut light = vec![Rgb::ZERO; slots.len()];
-                matrix.read_irradiance(&slots, &mut light)?;
-                for (slot, light) in slots.iter().zip(light) {
-                    self.irradiance[slot.0 as usize] = super::light(light);
-                }
-            }
             self.choose(*settings)?;
         }
         Ok(true)
@@ -373,36 +392,34 @@ impl Backend for SolverBackend {
     }
 
     fn audit(&mut self) -> Result<Option<f32>, BackendError> {
-        if !self.is_audited || matches!(self.state, State::Matrix) || !self.complete_matrix()? {
+        if !self.is_audited || self.on_rows.is_none() || !self.complete_matrix()? {
             return Ok(None);
         }
         self.tell_matrix()?;
         let Some(matrix) = &mut self.matrix else { return Ok(None) };
         matrix.step()?;
-        let slots: Vec<Slot> = (0..self.links.capacity() as u32)
-            .map(Slot)
-            .filter(|&slot| matrix.is_taken(slot) && matrix.is_current(slot))
-            .collect();
-        let mut exact = vec![Rgb::ZERO; slots.len()];
+        let is_meant = |slot: &Slot| matrix.is_taken(*slot) && matrix.is_current(*slot);
+        let slots: Vec<Slot> =
+            (0..self.residents.links.capacity() as u32).map(Slot).filter(is_meant).collect();
+        let (mut exact, mut found) = (vec![Rgb::ZERO; slots.len()], vec![Rgb::ZERO; slots.len()]);
         matrix.read_irradiance(&slots, &mut exact)?;
+        self.read_irradiance(&slots, &mut found)?;
         let (mut gap, mut norm) = (0.0f64, 0.0f64);
-        for (slot, exact) in slots.iter().zip(&exact) {
-            gap += f64::from((self.published(slot.0 as usize) - *exact).length_squared());
+        for (found, exact) in found.iter().zip(&exact) {
+            gap += f64::from((*found - *exact).length_squared());
             norm += f64::from(exact.length_squared());
         }
         Ok(Some(if gap == 0.0 { 0.0 } else { (gap / norm).sqrt() as f32 }))
     }
 
     fn read_irradiance(&mut self, slots: &[Slot], out: &mut [Rgb]) -> Result<(), BackendError> {
-        if let (State::Matrix, Some(matrix)) = (&self.state, &mut self.matrix) {
-            return matrix.read_irradiance(slots, out);
-        }
         slot_check::one_each(slots, out.len())?;
         slot_check::all_taken(slots, self.capacity(), |slot| self.is_taken(slot))?;
-        for (slot, out) in slots.iter().zip(out) {
-            *out = self.published(slot.0 as usize);
+        match (&mut self.on_rows, &mut self.matrix) {
+            (Some(on_rows), _) => on_rows.light.read(&self.residents, slots, out),
+            (None, Some(matrix)) => matrix.read_irradiance(slots, out),
+            (None, None) => Ok(()),
         }
-        Ok(())
     }
 
     fn drift(&mut self, seed: u64) -> f32 {

@@ -9,7 +9,7 @@
 //! from outside is not drawn: `g` is known.
 
 use super::draws::{Draws, TableSources};
-use super::links::{Link, LinkRows};
+use super::links::LinkRows;
 use super::temporal::{Drawn, Scene, square_of_sum};
 use super::turns::Turns;
 use super::{Light, add_scaled};
@@ -117,10 +117,10 @@ impl<T: RowTable + Clone> Draws for ColouredSampler<T> {
         self.outdate_all(links);
     }
 
-    fn go(&mut self, links: &LinkRows, slot: usize, _: &[Link]) {
+    fn go(&mut self, links: &LinkRows, slot: usize) {
         self.rows[slot].items.clear();
-        self.turns.settle(slot);
         self.outdate_all(links);
+        self.turns.settle(slot);
     }
 
     /// What comes from outside is not drawn.

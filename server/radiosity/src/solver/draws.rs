@@ -1,6 +1,6 @@
 //! What a method that draws keeps of rows, whichever rows and tables they are: [`Draws`].
 
-use super::links::{Link, LinkRows};
+use super::links::LinkRows;
 use super::temporal::{Drawn, Scene};
 use crate::backend::{Backend, BackendError};
 use crate::tables::draw::Spread;
@@ -21,8 +21,8 @@ pub(crate) trait Draws: Send + Sync {
     /// A patch has come into `slot`; its links are there.
     fn come(&mut self, links: &LinkRows, slot: usize);
 
-    /// The patch in `slot` has gone, and with it its links `gone`.
-    fn go(&mut self, links: &LinkRows, slot: usize, gone: &[Link]);
+    /// The patch in `slot` goes; its links are still there.
+    fn go(&mut self, links: &LinkRows, slot: usize);
 
     /// What the row of `slot` sends outside is split otherwise.
     fn outdate(&mut self, slot: usize);

@@ -35,7 +35,9 @@ pub struct LinkRows {
 }
 
 impl LinkRows {
-    pub(crate) fn new(capacity: usize) -> Self {
+    /// Nobody, in `capacity` slots.
+    #[must_use]
+    pub fn new(capacity: usize) -> Self {
         Self {
             rows: vec![Vec::new(); capacity],
             areas: vec![0.0; capacity],
@@ -116,13 +118,7 @@ impl LinkRows {
 
     /// A patch enters a free slot. `row` names slots, itself included; twice named, shares add up. Free slots are passed
     /// over: whoever a batch names may have been refused in it.
-    pub(crate) fn add(
-        &mut self,
-        slot: usize,
-        area: f32,
-        reflectance: Rgb,
-        row: impl Iterator<Item = (usize, f32)>,
-    ) {
+    pub fn add(&mut self, slot: usize, area: f32, reflectance: Rgb, row: impl Iterator<Item = (usize, f32)>) {
         self.areas[slot] = area;
         self.reflectance[slot] = reflectance;
         self.taken_count += 1;
@@ -149,6 +145,7 @@ impl LinkRows {
         self.rows.iter_mut().for_each(Vec::clear);
         self.areas.fill(0.0);
         self.reflectance.fill(Rgb::ZERO);
+        self.outside_shares.fill(f32::NAN);
         (self.link_count, self.taken_count) = (0, 0);
     }
 

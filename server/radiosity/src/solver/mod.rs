@@ -11,16 +11,20 @@
 //! | [`Method::Progressive`] | the largest unshot changes are shot | within a few frames | nothing is done, once settled |
 //! | [`Method::Hybrid`] | as before, and draws estimate what is not shot yet | at once, noisily; exact within a few frames | nothing is done, once settled |
 //!
-//! Start at [`backend`] for the state and its life, at [`temporal`], [`shooting`] and [`remainder`] for the methods; [`coloured`] draws from
+//! Start at [`backend`] for who is there and which method is in use, at [`row_light`] for what a method is asked and
+//! [`cpu_light`] for how the CPU answers, at [`temporal`], [`shooting`] and [`remainder`] for the methods; [`coloured`] draws from
 //! rows of the matrix instead ([`DrawnRows::Multibounce`]).
 
 pub mod backend;
 pub mod coloured;
+pub mod cpu_light;
 mod draws;
 mod flux;
 mod guard;
 pub mod links;
 pub mod remainder;
+pub mod residents;
+pub mod row_light;
 pub mod sampler;
 pub mod settings;
 pub mod shooting;
@@ -31,6 +35,9 @@ mod tests;
 pub mod turns;
 
 pub use backend::SolverBackend;
+pub use cpu_light::CpuRowLight;
+pub use residents::Residents;
+pub use row_light::RowLight;
 pub use settings::{DrawnRows, Method, SettingsError, SolverSettings};
 
 /// Linear RGB and a number of padding: what loops over light read at once.

@@ -18,9 +18,9 @@ use rayon::prelude::*;
 /// Rows a task takes at least.
 const ROWS_MIN: usize = 64;
 /// Draws a row, as a part of `samples_per_row`.
-const SAMPLES_PART: u32 = 4;
+pub const SAMPLES_PART: u32 = 4;
 /// Weight of the last frame's estimate.
-const HISTORY_WEIGHT: f32 = 0.5;
+pub const HISTORY_WEIGHT: f32 = 0.5;
 /// Below this share of all light the rest is not worth a draw.
 pub const UNSHOT_MIN: f32 = 1e-3;
 

@@ -6,7 +6,7 @@
 //! invented. The most urgent rows have their turn first, and a part of every step goes round all of them.
 
 use super::draws::{Draws, TableSources};
-use super::links::{Link, LinkRows};
+use super::links::LinkRows;
 use super::temporal::{Drawn, Scene, drawn};
 use super::turns::{Rebuilt, Turns};
 use crate::backend::BackendError;
@@ -111,8 +111,8 @@ impl<T: RowTable + Clone> Draws for RowSampler<T> {
         neighbours.chain([slot]).for_each(|row| self.turns.outdate(row));
     }
 
-    fn go(&mut self, _: &LinkRows, slot: usize, gone: &[Link]) {
-        self.forget(slot, gone.iter().map(|link| link.slot as usize));
+    fn go(&mut self, links: &LinkRows, slot: usize) {
+        self.forget(slot, links.row(slot).iter().map(|link| link.slot as usize));
     }
 
     fn outdate(&mut self, slot: usize) {

@@ -167,7 +167,8 @@ impl SolverSettings {
     }
 
     /// Whether rows of the matrix are drawn from.
-    pub(crate) fn is_coloured(&self) -> bool {
+    #[must_use]
+    pub fn is_coloured(&self) -> bool {
         self.method.is_endless() && self.rows == DrawnRows::Multibounce
     }
 

@@ -25,15 +25,15 @@ pub const UNSHOT_TOLERANCE: f32 = 1e-5;
 /// Frames after the last change at which whatever is left stays unshot: from then on light is constant to the bit.
 pub const SETTLE_FRAMES: u32 = 240;
 /// Of a frame's budget: rows that are gathered afresh.
-const REFRESH_SHARE: u64 = 32;
+pub const REFRESH_SHARE: u64 = 32;
 /// A fresh row that differs by less than this share of its light is left alone: that is rounding of the gather itself.
-const REFRESH_TOLERANCE: f32 = 4e-6;
+pub const REFRESH_TOLERANCE: f32 = 4e-6;
 /// Patches a task takes.
 const PATCHES_A_TASK: usize = 4096;
 /// Classes of importance: sign, exponent and three bits of a positive `f32`.
-const CLASSES: usize = 1 << 11;
+pub const CLASSES: usize = 1 << 11;
 /// What the remembered scale of light keeps a frame, so that light going out does not make everything important.
-const SCALE_KEPT: f32 = 0.9;
+pub const SCALE_KEPT: f32 = 0.9;
 
 /// What a frame shot.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

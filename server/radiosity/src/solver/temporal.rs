@@ -19,15 +19,15 @@ use rayon::prelude::*;
 /// Rows a task takes at least.
 const ROWS_MIN: usize = 64;
 /// Least and most draws of an adaptive row, as a part and a multiple of `k`.
-const ADAPTIVE_RANGE: f32 = 4.0;
+pub const ADAPTIVE_RANGE: f32 = 4.0;
 /// Weight of the past in the short mean that tells whether light has moved.
-const SHORT_WEIGHT: f32 = 0.75;
+pub const SHORT_WEIGHT: f32 = 0.75;
 /// The short mean's variance, of one frame's: `(1 - w) / (1 + w)`.
-const SHORT_VARIANCE: f32 = (1.0 - SHORT_WEIGHT) / (1.0 + SHORT_WEIGHT);
+pub const SHORT_VARIANCE: f32 = (1.0 - SHORT_WEIGHT) / (1.0 + SHORT_WEIGHT);
 /// Standard errors between short and long mean that count as a move of light.
-const MOVED: f32 = 4.0;
+pub const MOVED: f32 = 4.0;
 /// Frames of past that a row keeps whose light has moved.
-const AGE_AFTER_MOVE: f32 = 3.0;
+pub const AGE_AFTER_MOVE: f32 = 3.0;
 
 /// What draws of one frame look at, by slot.
 #[derive(Debug, Clone, Copy)]

@@ -19,7 +19,7 @@ pub struct Rebuilt {
 
 /// Which slots' tables are older than their rows.
 #[derive(Debug)]
-pub(crate) struct Turns {
+pub struct Turns {
     is_old: Vec<bool>,
     old_count: usize,
     /// Where the round goes on.
@@ -28,24 +28,28 @@ pub(crate) struct Turns {
 
 impl Turns {
     /// Every taken slot waits.
-    pub(crate) fn new(links: &LinkRows) -> Self {
+    #[must_use]
+    pub fn new(links: &LinkRows) -> Self {
         let is_old = (0..links.capacity()).map(|slot| links.is_taken(slot)).collect();
         Self { is_old, old_count: links.taken_count(), cursor: 0 }
     }
 
     /// The row of `slot` is no longer what its table says.
-    pub(crate) fn outdate(&mut self, slot: usize) {
+    pub fn outdate(&mut self, slot: usize) {
         self.old_count += usize::from(!std::mem::replace(&mut self.is_old[slot], true));
     }
 
     /// `slot` has no row any more, or a new table.
-    pub(crate) fn settle(&mut self, slot: usize) {
+    pub fn settle(&mut self, slot: usize) {
         self.old_count -= usize::from(std::mem::take(&mut self.is_old[slot]));
     }
 
     /// Calls `rebuild`, which says how many items it took, for rows that wait, until `items_max` are exceeded: first of
     /// `order`, then in turn.
-    pub(crate) fn rebuild<E>(
+    ///
+    /// # Errors
+    /// The first that `rebuild` says; its row waits still.
+    pub fn rebuild<E>(
         &mut self,
         order: &[u32],
         items_max: u32,

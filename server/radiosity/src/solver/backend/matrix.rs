@@ -36,7 +36,7 @@ impl SolverBackend {
     /// Brings patches that the matrix lacks into it. Returns whether it is whole.
     pub(super) fn complete_matrix(&mut self) -> Result<bool, BackendError> {
         let Some(matrix) = &mut self.matrix else { return Ok(false) };
-        let links = &self.links;
+        let links = &self.residents.links;
         let missing = (0..links.capacity())
             .filter(|&slot| links.is_taken(slot) && !matrix.is_taken(Slot(slot as u32)))
             .take(MATRIX_ADDS_A_STEP);
@@ -73,7 +73,7 @@ impl SolverBackend {
                     _ => None,
                 })
                 .collect();
-            self.apply_to_links(&refused);
+            self.apply_to_rows(&refused)?;
         }
         Ok(false)
     }
@@ -85,7 +85,7 @@ impl SolverBackend {
             if settings.method == Method::Matrix {
                 self.tell_matrix()?;
             }
-            self.enter(&settings);
+            self.enter(&settings)?;
         }
         Ok(())
     }
@@ -94,11 +94,13 @@ impl SolverBackend {
     pub(super) fn tell_matrix(&mut self) -> Result<(), BackendError> {
         let Some(matrix) = &mut self.matrix else { return Ok(()) };
         if std::mem::take(&mut self.is_matrix_behind) {
-            let slots: Vec<Slot> =
-                (0..self.links.capacity() as u32).map(Slot).filter(|&slot| matrix.is_taken(slot)).collect();
+            let slots: Vec<Slot> = (0..self.residents.links.capacity() as u32)
+                .map(Slot)
+                .filter(|&slot| matrix.is_taken(slot))
+                .collect();
             let pick =
                 |of: &[Light]| -> Vec<Rgb> { slots.iter().map(|slot| rgb(of[slot.0 as usize])).collect() };
-            matrix.set_sources(&slots, &pick(&self.direct), &pick(&self.outside))?;
+            matrix.set_sources(&slots, &pick(&self.residents.direct), &pick(&self.residents.outside))?;
         }
         Ok(())
     }
