@@ -28,6 +28,8 @@ pub(crate) struct WholeWorld {
     pub(crate) rows: SparseRows,
     /// Number of the first patch of each chunk.
     first: BTreeMap<ChunkId, u32>,
+    /// The same in the order of the chunks.
+    firsts: Vec<u32>,
     occluders: OccluderSet,
 }
 
@@ -62,12 +64,27 @@ impl WholeWorld {
         let first = first_patches(&chunks);
         let rows = global_rows(&chunks, &first)?;
         let grid = manifest.parameters.grid.at_level(level);
-        Ok(Self { manifest, level, grid, chunks, rows, first, occluders })
+        Ok(Self {
+            manifest,
+            level,
+            grid,
+            chunks,
+            rows,
+            firsts: first.values().copied().collect(),
+            first,
+            occluders,
+        })
     }
 
     /// Every patch, chunk by chunk: the order of rows and of light.
     pub(crate) fn patches(&self) -> impl Iterator<Item = &Patch> {
         self.chunks.iter().flat_map(|chunk| &chunk.patches)
+    }
+
+    /// The chunk of patch `patch`, and its number there.
+    pub(crate) fn place(&self, patch: u32) -> (ChunkId, u16) {
+        let at = self.firsts.partition_point(|&first| first <= patch) - 1;
+        (self.chunks[at].id, (patch - self.firsts[at]) as u16)
     }
 
     /// What comes to each patch straight from the sky of `rig`, lx.
@@ -88,6 +105,16 @@ impl WholeWorld {
 
     /// Solves the light of `direct_exitance` and the sky of `rig`, all bounces.
     pub(crate) fn solve_exitance(&self, direct_exitance: Vec<Rgb>, rig: &LightRig) -> WholeLight {
+        self.solve_rows(&self.rows, direct_exitance, rig)
+    }
+
+    /// The same over other `rows` of the same patches.
+    pub(crate) fn solve_rows(
+        &self,
+        rows: &SparseRows,
+        direct_exitance: Vec<Rgb>,
+        rig: &LightRig,
+    ) -> WholeLight {
         let reflectance: Vec<Rgb> = self.patches().map(|patch| patch.reflectance).collect();
         let sky_irradiance = self.sky_irradiance(rig);
         let mut irradiance = vec![Rgb::ZERO; reflectance.len()];
@@ -96,7 +123,7 @@ impl WholeWorld {
             outside_irradiance: &sky_irradiance,
             reflectance: &reflectance,
         };
-        gather(&self.rows, sources, &mut irradiance, LIMITS);
+        gather(rows, sources, &mut irradiance, LIMITS);
         WholeLight { irradiance, sky_irradiance, direct_exitance, sky: rig.sky }
     }
 

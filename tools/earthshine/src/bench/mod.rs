@@ -12,6 +12,7 @@ mod far;
 mod flight;
 mod gpu;
 mod gpu_step;
+mod keep;
 mod lit_world;
 mod matrix;
 mod moving_sphere;
@@ -42,6 +43,7 @@ use serde::Serialize;
   earthshine bench temporal --scene cornell --solver hybrid,alias --plot step
   earthshine bench temporal --world sponza --n 1736,5485,8786,10422 --json
   earthshine bench far --scene sponza.glb --lights sponza.lights.json --voxel 1
+  earthshine bench keep --world town.world --plot keep
   earthshine bench flight --world town.world --speed 50 --json")]
 pub(crate) struct BenchArguments {
     #[command(subcommand)]
@@ -77,6 +79,8 @@ enum Suite {
     Bake(bake::BakeBenchArguments),
     /// Far light by coarse levels against the whole world.
     Far(far::FarArguments),
+    /// Rows that keep the top share of their mass: error against bytes.
+    Keep(keep::KeepArguments),
     /// A flight through a served world against what the server promises.
     Flight(flight::FlightArguments),
     /// Kernels on a graphics adapter against a copy in its memory.
@@ -143,6 +147,7 @@ pub(crate) fn run(arguments: &BenchArguments) -> anyhow::Result<()> {
         Suite::Estimators(suite) => estimators::run(suite, arguments.json),
         Suite::Bake(suite) => bake::run(suite, arguments.json),
         Suite::Far(suite) => far::run(suite, arguments.json),
+        Suite::Keep(suite) => keep::run(suite, arguments.json),
         Suite::Flight(suite) => flight::run(suite, arguments.json),
         Suite::Gpu(suite) => gpu::run(suite, arguments.json),
     }
