@@ -168,6 +168,17 @@ impl WorkFolder {
         Ok(Self { folder })
     }
 
+    /// How far the bake of a `world` that is not whole yet has come: finished chunks by stage, in the order in which a bake
+    /// goes, of all levels. Nothing where no bake has begun.
+    #[must_use]
+    pub fn finished(world: &Path) -> Vec<(&'static str, usize)> {
+        let count = |kind: Kind| {
+            let files = std::fs::read_dir(world.join(FOLDER).join(kind.folder())).ok()?;
+            Some((kind.folder(), files.count())).filter(|&(_, count)| count > 0)
+        };
+        Kind::ALL.into_iter().filter_map(count).collect()
+    }
+
     /// Removes what a finished world has no use for; with `everything`, what an edit would use, too.
     ///
     /// # Errors

@@ -1,5 +1,6 @@
 //! `earthshine bake`: a glTF scene becomes a world folder.
 
+use crate::machine;
 use crate::output::out;
 use crate::progress_bars::BakeBars;
 use crate::quality::QualityArguments;
@@ -67,6 +68,22 @@ pub(crate) struct BakeArguments {
     quiet: bool,
 }
 
+/// What a bake came to, and what it took of this process.
+#[derive(Debug, serde::Serialize)]
+pub(crate) struct MeasuredBake {
+    #[serde(flatten)]
+    summary: BakeSummary,
+    /// Most memory held at once, bytes.
+    peak_rss_bytes: Option<u64>,
+}
+
+impl MeasuredBake {
+    /// `summary`, of a bake that has just ended.
+    pub(crate) fn now(summary: BakeSummary) -> Self {
+        Self { summary, peak_rss_bytes: machine::peak_rss_bytes() }
+    }
+}
+
 /// Runs the subcommand.
 pub(crate) fn run(arguments: &BakeArguments) -> anyhow::Result<()> {
     let quiet = arguments.quiet || arguments.json;
@@ -89,7 +106,7 @@ pub(crate) fn run(arguments: &BakeArguments) -> anyhow::Result<()> {
     let summary = earthshine_bake::bake(&source.scene, &arguments.world, &options, &bars)?;
     bars.finish();
     if arguments.json {
-        out!("{}", serde_json::to_string(&summary)?);
+        out!("{}", serde_json::to_string(&MeasuredBake::now(summary))?);
     } else {
         print_summary(&summary, &arguments.world);
         if arguments.explain {

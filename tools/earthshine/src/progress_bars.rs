@@ -9,12 +9,14 @@ use std::sync::Mutex;
 #[derive(Debug)]
 pub(crate) struct BakeBars {
     bar: Mutex<Option<ProgressBar>>,
+    /// What was said last, without a terminal: a stage that begins again for each level is named once.
+    named: Mutex<Option<Stage>>,
     quiet: bool,
 }
 
 impl BakeBars {
     pub(crate) fn new(quiet: bool) -> Self {
-        Self { bar: Mutex::new(None), quiet }
+        Self { bar: Mutex::new(None), named: Mutex::new(None), quiet }
     }
 
     /// Ends the last bar.
@@ -28,7 +30,8 @@ impl BakeBars {
 impl Progress for BakeBars {
     fn begin(&self, stage: Stage, total: u64) {
         self.finish();
-        if !self.quiet && !std::io::stderr().is_terminal() {
+        let is_named = self.named.lock().expect("no holder panics").replace(stage) == Some(stage);
+        if !self.quiet && !is_named && !std::io::stderr().is_terminal() {
             eprintln!("{}: {} {}", stage.name(), HumanCount(total), stage.unit());
         }
         let bar = counted(stage.name(), stage.unit(), total, self.quiet);

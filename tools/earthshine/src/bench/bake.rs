@@ -1,13 +1,13 @@
 //! `bench bake`: rays, bytes and seconds of a bake into a scratch folder.
 
 use super::{Report, scratch};
+use crate::bake::MeasuredBake;
 use crate::generate::ShapeArguments;
 use crate::quality::QualityArguments;
-use crate::{machine, scene_source};
+use crate::scene_source;
 use anyhow::Context as _;
 use clap::Args;
-use earthshine_bake::{BakeSummary, Levels};
-use serde::Serialize;
+use earthshine_bake::Levels;
 use std::time::Instant;
 
 /// Arguments of `bench bake`.
@@ -33,13 +33,6 @@ struct ShapeFlags {
     size: Option<f32>,
 }
 
-#[derive(Serialize)]
-struct Figures {
-    #[serde(flatten)]
-    summary: BakeSummary,
-    peak_rss_bytes: Option<u64>,
-}
-
 /// Runs the suite.
 pub(crate) fn run(arguments: &BakeBenchArguments, json: bool) -> anyhow::Result<()> {
     let started = Instant::now();
@@ -49,7 +42,7 @@ pub(crate) fn run(arguments: &BakeBenchArguments, json: bool) -> anyhow::Result<
     let folder = tempfile::tempdir().context("a scratch folder for the world")?;
     let parameters = arguments.quality.parameters(&source);
     let summary = scratch::bake(&source, parameters, Levels::Auto, folder.path(), json)?;
-    let figures = Figures { summary, peak_rss_bytes: machine::peak_rss_bytes() };
+    let figures = MeasuredBake::now(summary);
     let seconds = started.elapsed().as_secs_f64();
     Report::new("bake", &source.name, "none", arguments.quality.seed, seconds, figures).print(json)
 }

@@ -6,10 +6,11 @@ mod verify;
 
 use clap::{Args, Subcommand};
 use earthshine_bake::LevelSummary;
-use earthshine_tiles::{DirStore, Manifest};
+use earthshine_bake::work_folder::WorkFolder;
+use earthshine_tiles::{DirStore, Manifest, TileError};
 use earthshine_world::ChunkId;
 use glam::IVec3;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Arguments of `earthshine inspect`.
 #[derive(Args)]
@@ -73,9 +74,26 @@ fn coordinates(text: &str) -> Result<IVec3, String> {
         .map_err(|parts| format!("{} numbers, not x,y,z", parts.len()))
 }
 
+/// The world, or what became of it: a bake that was interrupted leaves none yet.
+fn open(world: &Path) -> anyhow::Result<DirStore> {
+    DirStore::open(world).map_err(|error| {
+        let finished = WorkFolder::finished(world);
+        if finished.is_empty() || !matches!(error, TileError::NotAWorld { .. }) {
+            return error.into();
+        }
+        let stages: Vec<String> =
+            finished.iter().map(|(stage, chunks)| format!("{stage} of {chunks} chunks")).collect();
+        anyhow::Error::new(error).context(format!(
+            "{}: its bake was interrupted or is under way, with {} done; the same `earthshine bake` goes on there",
+            world.display(),
+            stages.join(", ")
+        ))
+    })
+}
+
 /// Runs the subcommand.
 pub(crate) fn run(arguments: &InspectArguments) -> anyhow::Result<()> {
-    let store = DirStore::open(&arguments.world)?;
+    let store = open(&arguments.world)?;
     match arguments.what.as_ref().unwrap_or(&What::Summary) {
         What::Summary => summary(store.manifest(), arguments.json),
         What::Chunk { chunk, level } => explain::chunk(&store, ChunkId::new(*level, *chunk), arguments.json),

@@ -150,3 +150,12 @@ fn a_world_that_is_a_file() {
     run(folder.path(), &["inspect", "world"]).fails(WORLD, &["world", "is not a world"]);
     assert_eq!(files(folder.path())["world"], b"precious");
 }
+
+/// The manifest is written last: without it the folder is what a killed bake leaves.
+#[test]
+fn a_bake_that_was_interrupted_says_how_far_it_came() {
+    let folder = world();
+    std::fs::remove_file(folder.path().join("world/world.toml")).expect("a bake writes a manifest");
+    let words = ["interrupted", "surfaces of", "rows of", "goes on there"];
+    run(folder.path(), &["inspect", "world"]).fails(WORLD, &words);
+}
