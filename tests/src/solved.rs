@@ -3,7 +3,7 @@
 //! It reads tiles and direct light through the packages that own them, and shares nothing with the engine: neither
 //! residency nor the split of rows nor the matrix. Light in the air is left out.
 
-use earthshine_light::{OccluderSet, Occluders, direct_irradiance};
+use earthshine_light::{NEAR_SHARE_MIN, NearPatch, OccluderSet, Occluders, Viewer, direct_irradiance_on};
 use earthshine_radiosity::gather::{GatherLimits, Sources, SparseRows, gather};
 use earthshine_tiles::{BakeParameters, DirStore, TileStore};
 use earthshine_volume::{Layout, Volume};
@@ -156,19 +156,34 @@ impl SolvedWorld {
     /// Light on every detail voxel, lx: one gather over what leaves the patches under the world's own lights.
     #[must_use]
     pub fn details(&self, solution: &Solution) -> BTreeMap<PatchPlace, Rgb> {
-        let direct = self.direct_exitance(&self.lights);
-        let leaving =
-            |(index, patch): (usize, &Patch)| direct[index] + patch.reflectance * solution.irradiance[index];
+        let direct = self.direct_light(&self.lights);
+        let leaving = |(index, patch): (usize, &Patch)| {
+            direct[index].0 + patch.reflectance * solution.irradiance[index]
+        };
         let exitance: Vec<Rgb> = self.patches().enumerate().map(leaving).collect();
+        let patches: Vec<(&Chunk, &Patch)> = self
+            .chunks
+            .iter()
+            .flat_map(|chunk| chunk.patches.iter().map(move |patch| (chunk, patch)))
+            .collect();
         let mut details = BTreeMap::new();
         for chunk in &self.chunks {
             let rows = &chunk.receivers.rows;
+            let own: BTreeMap<PatchPlace, &Patch> =
+                chunk.patches.iter().map(|patch| (place_of(patch), patch)).collect();
             for (row, place) in chunk.receivers.places.iter().enumerate() {
                 let Some(detail) = place.detail else { continue };
+                let of = chunk.points_of(own[&(place.voxel.to_array(), place.direction.index())]);
+                let viewer = Viewer::new(place, detail, self.detail, &self.grid, of);
                 let sky = self.lights.sky.irradiance(&rows.sky_shares[row]);
                 let gathered = rows.row(row).map(|(column, share)| {
                     let id = rows.patch_id(column);
-                    exitance[self.first[&id.chunk] + usize::from(id.local)] * share
+                    let index = self.first[&id.chunk] + usize::from(id.local);
+                    let (chunk, patch) = patches[index];
+                    let near = NearPatch { points: chunk.points_of(patch), irradiance: &direct[index].1 };
+                    let mean = near.irradiance.iter().sum::<Rgb>() / near.points.len() as f32;
+                    let seen = viewer.sees(near).filter(|_| share >= NEAR_SHARE_MIN).unwrap_or(mean);
+                    (exitance[index] + patch.reflectance * (seen - mean)) * share
                 });
                 let coord = detail.coord(place.voxel, self.detail);
                 details.insert((coord.to_array(), place.direction.index()), sky + gathered.sum::<Rgb>());
@@ -179,11 +194,17 @@ impl SolvedWorld {
 
     /// `rho * E_direct + emission` of every patch, lm/m2.
     fn direct_exitance(&self, rig: &LightRig) -> Vec<Rgb> {
+        self.direct_light(rig).into_iter().map(|(exitance, _)| exitance).collect()
+    }
+
+    /// The same, and `E_direct` on the points of each patch where it differs between them.
+    fn direct_light(&self, rig: &LightRig) -> Vec<(Rgb, Box<[Rgb]>)> {
         let epsilon_m = RAY_EPSILON_VOXELS * self.grid.voxel_edge_m;
         let of = |chunk: &Chunk, patch: &Patch| {
             let points = chunk.points_of(patch);
-            let arriving = direct_irradiance(&self.occluders, &rig.lights, points, epsilon_m, 1);
-            patch.reflectance * arriving + patch.emission * rig.emission_scale
+            let (arriving, on_points) =
+                direct_irradiance_on(&self.occluders, &rig.lights, points, epsilon_m, 1);
+            (patch.reflectance * arriving + patch.emission * rig.emission_scale, on_points)
         };
         self.chunks.iter().flat_map(|chunk| chunk.patches.iter().map(move |patch| of(chunk, patch))).collect()
     }

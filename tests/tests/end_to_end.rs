@@ -82,7 +82,10 @@ async fn two_rooms_are_served_as_solved() {
 async fn detail_is_served_as_solved() {
     let scene = imported(&fixtures::two_rooms_glb());
     let parameters = BakeParameters { detail: 2, detail_rays: 64, ..coarse(0.75, 8) };
-    let world = BakedWorld::new("two-rooms", &scene, own_lights(&scene), parameters);
+    // A lamp near walls: no two points of a patch have the same light, and what is next to it must tell them apart.
+    let lamp = Light::Point { position: IN_THE_FIRST_ROOM, intensity: Rgb::splat(200.0), range_m: None };
+    let lights = LightRig { lights: vec![lamp], ..own_lights(&scene) };
+    let world = BakedWorld::new("two-rooms", &scene, lights, parameters);
     let served = ServedWorld::start(world.path(), world.patch_count(), |_| ()).await;
     let mut client = connect(&served.uri).await;
     let light = settled_at(&mut client, IN_THE_FIRST_ROOM).await;

@@ -12,8 +12,11 @@ use crate::far::FarSenders;
 use crate::local_set::{LocalSet, Resident};
 use crate::slots::{FREE, parts_of_row};
 use crate::{EngineConfig, PatchLight};
+use earthshine_light::{NEAR_SHARE_MIN, NearPatch, Viewer};
 use earthshine_world::lineage::Lineage;
-use earthshine_world::{Chunk, ChunkId, Direction, LightRig, Rgb, Vec3, Vec4, VoxelCoord};
+use earthshine_world::{
+    Chunk, ChunkId, DetailVoxel, Direction, Grid, LightRig, ReceiverPlace, Rgb, Vec3, Vec4, VoxelCoord,
+};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
@@ -55,8 +58,9 @@ pub(crate) struct AirSet {
     /// Counts changes of the patches' light.
     generation: u64,
     stale: usize,
-    /// Detail voxels along a voxel's edge.
+    /// Detail voxels along a voxel's edge, and voxels.
     detail: u32,
+    grid: Option<Grid>,
     /// Whether [`Self::lights`] or [`Self::details`] may have changed after it was asked about.
     has_news: bool,
     /// Where the voxels were chosen from: the focus, and the chunks.
@@ -88,7 +92,11 @@ struct Sources<'a> {
     exitance: Vec<Rgb>,
     /// Slots of patches by place, where there is detail.
     by_place: BTreeMap<([i32; 3], Direction), u32>,
+    /// Detail voxels along a voxel's edge, and voxels.
     detail: u32,
+    grid: Grid,
+    /// Whether any patch has light that differs between its points.
+    has_near: bool,
 }
 
 /// Detail voxels that a session is told of, at most: those of the voxels nearest to the camera.
@@ -117,6 +125,7 @@ impl AirSet {
         let mut near = nearest(focus, chunks, table, voxels_max);
         near.sort_unstable_by_key(|candidate| (candidate.distance, candidate.key));
         self.detail = table.detail();
+        self.grid = Some(table.levels()[0].grid);
         let mut before = std::mem::take(&mut self.voxels);
         let mut details = 0;
         for candidate in &near {
@@ -179,7 +188,8 @@ impl AirSet {
         if self.stale == 0 {
             return 0;
         }
-        let sources = Sources::new(local, rig, self.detail);
+        let Some(grid) = self.grid else { return 0 };
+        let sources = Sources::new(local, rig, self.detail, grid);
         let mut turn: Vec<(u64, usize)> = (0..self.nearest_first.len())
             .map(|place| (self.voxels[&self.nearest_first[place]].lit, place))
             .filter(|&(lit, _)| lit < self.generation)
@@ -276,12 +286,13 @@ fn detail_count(chunk: &Chunk, rows: Range<usize>) -> usize {
 }
 
 impl<'a> Sources<'a> {
-    fn new(local: &'a LocalSet, rig: &'a LightRig, detail: u32) -> Self {
+    fn new(local: &'a LocalSet, rig: &'a LightRig, detail: u32, grid: Grid) -> Self {
         let place = |(slot, resident): (u32, &Resident)| {
             ((resident.patch.voxel.to_array(), resident.patch.direction), slot)
         };
         let by_place = if detail > 1 { local.iter().map(place).collect() } else { BTreeMap::new() };
-        Self { local, rig, exitance: local.exitances(), by_place, detail }
+        let has_near = detail > 1 && local.iter().any(|(_, resident)| resident.light.on_points().is_some());
+        Self { local, rig, exitance: local.exitances(), by_place, detail, grid, has_near }
     }
 
     /// Light of the receivers of `voxel`, of its air and of its detail voxels.
@@ -295,7 +306,7 @@ impl<'a> Sources<'a> {
         for row in voxel.rows.clone() {
             let place = voxel.chunk.receivers.places[row];
             let Some(detail) = place.detail else {
-                let (light, far_light) = self.light(&voxel.chunk, row, segments, far);
+                let (light, far_light) = self.light(&voxel.chunk, row, segments, far, None);
                 let light = PatchLight {
                     irradiance: finite(light.irradiance + far_light.truncate()),
                     fed_share: far_light.w.clamp(0.0, 1.0),
@@ -307,20 +318,38 @@ impl<'a> Sources<'a> {
             let slot = self.by_place.get(&(place.voxel.to_array(), place.direction));
             let Some(&slot) = slot.filter(|_| voxel.has_detail) else { continue };
             let resident = self.local.resident(slot);
-            let light = fed_as(resident, self.light(&voxel.chunk, row, segments, far).0);
+            let viewer = self.has_near.then(|| self.viewer(&place, detail, resident));
+            let light = fed_as(resident, self.light(&voxel.chunk, row, segments, far, viewer.as_ref()).0);
             let (voxel, plane_offset) = (detail.coord(light.voxel, self.detail), Some(detail.plane_offset()));
             details.push(PatchLight { voxel, plane_offset, ..light });
         }
         (lights, details)
     }
 
+    /// The surface in part `detail` of `resident`, as it looks out.
+    fn viewer(&self, place: &ReceiverPlace, detail: DetailVoxel, resident: &Resident) -> Viewer {
+        let own = self.local.chunk_of(resident.id).points_of(&resident.patch);
+        Viewer::new(place, detail, self.detail, &self.grid, own)
+    }
+
+    /// By how much what `viewer` sees of the patch in `slot` is brighter than the whole of it, lm/m2.
+    fn excess(&self, viewer: &Viewer, slot: u32) -> Rgb {
+        let resident = self.local.resident(slot);
+        let Some((mean, irradiance)) = resident.light.on_points() else { return Rgb::ZERO };
+        let points = self.local.chunk_of(resident.id).points_of(&resident.patch);
+        let seen = viewer.sees(NearPatch { points, irradiance });
+        seen.map_or(Rgb::ZERO, |seen| resident.patch.reflectance * (seen - mean))
+    }
+
     /// Light of the receiver in row `row`, without that of far columns; and that, with how much of the row it stands for.
+    /// A `viewer` tells parts of patches near by apart.
     fn light(
         &self,
         chunk: &Chunk,
         row: usize,
         segments: &[Segment<'_>],
         far_senders: &[Vec<Vec4>],
+        viewer: Option<&Viewer>,
     ) -> (PatchLight, Vec4) {
         let rows = &chunk.receivers.rows;
         let (mut resident, mut far) = (0.0f64, 0.0f64);
@@ -331,6 +360,9 @@ impl<'a> Sources<'a> {
                 Some(&slot) if slot != FREE => {
                     resident += f64::from(share);
                     irradiance += share * self.exitance[slot as usize];
+                    if let Some(viewer) = viewer.filter(|_| share >= NEAR_SHARE_MIN) {
+                        irradiance += share * self.excess(viewer, slot);
+                    }
                 }
                 _ => {
                     far += f64::from(share);

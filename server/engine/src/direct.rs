@@ -3,7 +3,7 @@
 //! It owns the shadow casters of all chunks in memory and says when and where they have changed; which slots are lit again,
 //! and when, is [`crate::relight`]'s business.
 
-use earthshine_light::{OccluderSet, Occluders, direct_irradiance};
+use earthshine_light::{OccluderSet, Occluders, direct_irradiance, direct_irradiance_on};
 use earthshine_world::random::{Purpose, hash};
 use earthshine_world::{Bounds, ChunkId, Light, OccluderMesh, Patch, Rgb, SamplePoint};
 use std::collections::VecDeque;
@@ -85,9 +85,26 @@ impl ShadowCasters {
         if lights.is_empty() {
             return Rgb::ZERO;
         }
+        direct_irradiance(&self.set, lights, points, self.epsilon_m(patch), self.patch_seed(patch))
+    }
+
+    /// The same, and that on each of `points`; nothing where all have the same.
+    pub(crate) fn irradiance_on(
+        &self,
+        lights: &[Light],
+        patch: &Patch,
+        points: &[SamplePoint],
+    ) -> (Rgb, Box<[Rgb]>) {
+        if lights.is_empty() {
+            return (Rgb::ZERO, Box::default());
+        }
+        let (epsilon_m, seed) = (self.epsilon_m(patch), self.patch_seed(patch));
+        direct_irradiance_on(&self.set, lights, points, epsilon_m, seed)
+    }
+
+    fn epsilon_m(&self, patch: &Patch) -> f32 {
         let rounding = 8.0 * f32::EPSILON * patch.centroid.abs().max_element();
-        let epsilon_m = self.ray_epsilon_m.max(rounding);
-        direct_irradiance(&self.set, lights, points, epsilon_m, self.patch_seed(patch))
+        self.ray_epsilon_m.max(rounding)
     }
 
     /// The patch's own, wherever it is resident.

@@ -139,7 +139,9 @@ impl LevelView {
         tick: u64,
     ) -> Relight<'a> {
         let edge_m = table.levels()[usize::from(self.level)].grid.voxel_edge_m;
-        Relight::new(table.casters(self.level), &lighting.rig.lights, lighting.generation, tick, edge_m)
+        let has_detail = self.level == 0 && table.detail() > 1;
+        let (casters, lights) = (table.casters(self.level), &lighting.rig.lights);
+        Relight::new(casters, lights, lighting.generation, tick, edge_m, has_detail)
     }
 
     /// Finds the slots whose direct light may have changed because shadow casters came or went.

@@ -30,6 +30,8 @@ impl Stamp {
 pub(crate) struct SlotLight {
     /// From delta lights, lx.
     direct_irradiance: Rgb,
+    /// The same on each sample point, where it differs between them and there is detail to read it.
+    on_points: Box<[Rgb]>,
     /// What it was computed from; nothing before the first time.
     lit: Option<Stamp>,
     lit_tick: u64,
@@ -49,6 +51,11 @@ impl SlotLight {
         self.sky_irradiance
     }
 
+    /// Direct irradiance: the mean, and on each sample point where that differs between them; nothing else.
+    pub(crate) fn on_points(&self) -> Option<(Rgb, &[Rgb])> {
+        (!self.on_points.is_empty()).then_some((self.direct_irradiance, &*self.on_points))
+    }
+
     /// What leaves `patch`, emitted and reflected, as far as the backend has said, lm/m2.
     pub(crate) fn exitance(&self, patch: &Patch) -> Rgb {
         let direct = self.sources.map_or(Rgb::ZERO, |(direct, _)| direct);
@@ -64,16 +71,19 @@ pub(crate) struct Relight<'a> {
     stamp: Stamp,
     tick: u64,
     voxel_edge_m: f32,
+    /// Whether light on single points is kept.
+    has_detail: bool,
 }
 
 impl<'a> Relight<'a> {
-    /// `lights_generation` counts changes of `lights`.
+    /// `lights_generation` counts changes of `lights`. `has_detail`: there are detail voxels to read light on points.
     pub(crate) fn new(
         casters: &'a ShadowCasters,
         lights: &'a [Light],
         lights_generation: u64,
         tick: u64,
         voxel_edge_m: f32,
+        has_detail: bool,
     ) -> Self {
         // Without lights there are no shadows that could change.
         let casters_generation = if lights.is_empty() { 0 } else { casters.generation() };
@@ -83,6 +93,7 @@ impl<'a> Relight<'a> {
             stamp: Stamp { lights: lights_generation, casters: casters_generation },
             tick,
             voxel_edge_m,
+            has_detail,
         }
     }
 
@@ -145,9 +156,14 @@ impl<'a> Relight<'a> {
                 break;
             }
             let points = local.chunk_of(resident.id).points_of(&resident.patch);
-            let direct_irradiance = self.casters.irradiance(self.lights, &resident.patch, points);
+            let (direct_irradiance, on_points) = if self.has_detail {
+                self.casters.irradiance_on(self.lights, &resident.patch, points)
+            } else {
+                (self.casters.irradiance(self.lights, &resident.patch, points), Box::default())
+            };
             let light = &mut local.resident_mut(slot).light;
             light.direct_irradiance = direct_irradiance;
+            light.on_points = on_points;
             light.lit = Some(self.stamp);
             light.lit_tick = self.tick;
             lit += 1;

@@ -25,13 +25,46 @@ pub fn direct_irradiance(
     epsilon_m: f32,
     seed: u64,
 ) -> Rgb {
+    irradiance_by_point(occluders, lights, points, epsilon_m, seed, |_, _| ())
+}
+
+/// [`direct_irradiance`], and what it is the mean of: the irradiance on each of `points`, lx; nothing where all have the
+/// same.
+#[must_use]
+pub fn direct_irradiance_on(
+    occluders: &OccluderSet,
+    lights: &[Light],
+    points: &[SamplePoint],
+    epsilon_m: f32,
+    seed: u64,
+) -> (Rgb, Box<[Rgb]>) {
+    let mut on_points = vec![Rgb::ZERO; points.len()];
+    let each = |point: usize, light: Rgb| on_points[point] += light;
+    let mean = irradiance_by_point(occluders, lights, points, epsilon_m, seed, each);
+    if on_points.windows(2).all(|pair| pair[0] == pair[1]) {
+        on_points.clear();
+    }
+    (mean, on_points.into_boxed_slice())
+}
+
+/// The mean; `each` is told what every light brings to every point.
+fn irradiance_by_point(
+    occluders: &OccluderSet,
+    lights: &[Light],
+    points: &[SamplePoint],
+    epsilon_m: f32,
+    seed: u64,
+    mut each: impl FnMut(usize, Rgb),
+) -> Rgb {
     let Some(first) = points.first() else { return Rgb::ZERO };
     let mut sum = Rgb::ZERO;
     for (light_index, light) in lights.iter().enumerate() {
         let shift = disc_shift(seed, light_index, first.position);
         for (point_index, point) in points.iter().enumerate() {
             let disc = disc_place(shift, point_index, points.len());
-            sum += shadowed(occluders, light, point, epsilon_m, disc);
+            let arriving = shadowed(occluders, light, point, epsilon_m, disc);
+            each(point_index, arriving);
+            sum += arriving;
         }
     }
     sum / points.len() as f32
@@ -130,6 +163,18 @@ mod tests {
         assert!((found(0.5) - 16.0).abs() < 1e-3);
         assert_eq!(found(2.0), 0.0);
         assert!((found(1.0) - 4.0).abs() < 1e-3, "a lamp on the plate is not shadowed by it");
+    }
+
+    #[test]
+    fn what_differs_between_points_is_told_and_its_mean_is_the_patch_s() {
+        let points = [ground(-0.5), ground(0.5), ground(1.5), ground(-1.5)];
+        let (set, lights) = (half_plate(255), [sun(0.0), sun(0.0)]);
+        let (mean, on_points) = direct_irradiance_on(&set, &lights, &points, EPSILON_M, 1);
+        assert_eq!(mean, direct_irradiance(&set, &lights, &points, EPSILON_M, 1));
+        let lit: Vec<f32> = on_points.iter().map(|light| (light.x * 10.0).round() / 10.0).collect();
+        assert_eq!(lit, [0.0, 20.0, 20.0, 0.0]);
+        let (mean, same) = direct_irradiance_on(&set, &lights, &points[1..3], EPSILON_M, 1);
+        assert!(mean.x > 19.0 && same.is_empty());
     }
 
     #[test]

@@ -10,17 +10,20 @@
 //! |---|---|
 //! | [`arrival`](mod@arrival) | one light at one point, nothing in between |
 //! | [`direct`] | the mean over a patch's sample points, with shadows |
+//! | [`near`] | what a surface near by sees of direct light within a patch |
 //! | [`occluders`] | one chunk's shadow casters |
 //! | [`occluder_set`] | the shadow casters of all resident chunks |
 //! | [`ray_triangle`] | where a ray crosses a triangle |
 
 pub mod arrival;
 pub mod direct;
+pub mod near;
 pub mod occluder_set;
 pub mod occluders;
 pub mod ray_triangle;
 
 pub use arrival::{Arrival, arrival};
-pub use direct::direct_irradiance;
+pub use direct::{direct_irradiance, direct_irradiance_on};
+pub use near::{NEAR_SHARE_MIN, NearPatch, Viewer};
 pub use occluder_set::OccluderSet;
 pub use occluders::Occluders;

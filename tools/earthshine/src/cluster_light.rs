@@ -89,6 +89,7 @@ mod tests {
             irradiance: vec![Rgb::splat(10.0), Rgb::splat(20.0), Rgb::splat(40.0)],
             sky_irradiance: vec![Rgb::ZERO, Rgb::ZERO, Rgb::splat(8.0)],
             direct_exitance: vec![],
+            near: vec![],
             sky: earthshine_world::Sky::default(),
         };
         let layout = Layout { level: 0, origin: VoxelCoord::ZERO, dims: glam::UVec3::ONE, voxel_edge_m: 1.0 };

@@ -116,6 +116,11 @@ impl QualityArguments {
         Self { voxel: Some(voxel_edge_m), ..self }
     }
 
+    /// The same with another seed.
+    pub(crate) fn with_seed(self, seed: u64) -> Self {
+        Self { seed, ..self }
+    }
+
     /// The same with another number of rays a patch.
     pub(crate) fn with_rays(self, rays: u32) -> Self {
         Self { rays, ..self }

@@ -1,6 +1,7 @@
 //! Patches of a whole world in a solver's slots: what benches and animations let light move on.
 
 use earthshine_radiosity::gather::SparseRows;
+use earthshine_radiosity::solver::backend::MatrixFactory;
 use earthshine_radiosity::solver::{Method, SolverBackend, SolverSettings};
 use earthshine_radiosity::{Backend, BackendError, CpuBackend, Slot, Update};
 use earthshine_world::Rgb;
@@ -21,15 +22,27 @@ pub(crate) fn backend(
     reflectance: &[Rgb],
     patches: &[u32],
 ) -> Result<(SolverBackend, Vec<u32>), BackendError> {
-    let mut slot_of = vec![FAR; areas.len()];
-    patches.iter().zip(0..).for_each(|(&patch, slot)| slot_of[patch as usize] = slot);
     let matrix = |slots| {
         let too_large =
             |_| BackendError::OutOfMemory { slots, bytes: earthshine_radiosity::LocalMatrix::bytes(slots) };
         CpuBackend::new(slots).map(|backend| Box::new(backend) as Box<dyn Backend>).map_err(too_large)
     };
     let settings = SolverSettings { method: Method::Gather, ..SolverSettings::default() };
-    let mut backend = SolverBackend::new(patches.len() as u32, settings, Box::new(matrix))?;
+    backend_of(rows, areas, reflectance, patches, settings, Box::new(matrix))
+}
+
+/// The same, solving by `settings`, with matrices made by `matrix` where that takes one.
+pub(crate) fn backend_of(
+    rows: &SparseRows,
+    areas: &[f32],
+    reflectance: &[Rgb],
+    patches: &[u32],
+    settings: SolverSettings,
+    matrix: MatrixFactory,
+) -> Result<(SolverBackend, Vec<u32>), BackendError> {
+    let mut slot_of = vec![FAR; areas.len()];
+    patches.iter().zip(0..).for_each(|(&patch, slot)| slot_of[patch as usize] = slot);
+    let mut backend = SolverBackend::new(patches.len() as u32, settings, matrix)?;
     for (slot, &patch) in (0u32..).zip(patches) {
         let area = areas[patch as usize];
         let (mut row, mut column) = (Vec::new(), Vec::new());

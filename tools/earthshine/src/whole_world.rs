@@ -4,14 +4,18 @@
 
 use crate::cluster_light;
 use anyhow::Context as _;
-use earthshine_light::{OccluderSet, Occluders, direct_irradiance};
+use earthshine_light::{
+    NEAR_SHARE_MIN, NearPatch, OccluderSet, Occluders, Viewer, direct_irradiance, direct_irradiance_on,
+};
 use earthshine_radiosity::gather::{GatherLimits, Sources, SparseRows, gather};
 use earthshine_tiles::{DirStore, Manifest, PatchBuilder, TileStore};
 use earthshine_volume::{Layout, Volume, plane};
-use earthshine_world::{Chunk, ChunkId, ChunkRows, Grid, LightRig, OccluderMesh, Patch, Rgb, Sky};
+use earthshine_world::{
+    Chunk, ChunkId, ChunkRows, Grid, LightRig, OccluderMesh, Patch, PatchId, ReceiverPlace, Rgb, Sky,
+};
 use glam::IVec3;
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -38,8 +42,18 @@ pub(crate) struct WholeLight {
     pub(crate) irradiance: Vec<Rgb>,
     pub(crate) sky_irradiance: Vec<Rgb>,
     pub(crate) direct_exitance: Vec<Rgb>,
+    /// Direct irradiance on the sample points of patches where it differs between them, lx; nothing of others.
+    pub(crate) near: Vec<Box<[Rgb]>>,
     /// Of the lights that it was solved for.
     pub(crate) sky: Sky,
+}
+
+/// What sun, lamps and emission make of every patch before any bounce, in the order of the chunks.
+pub(crate) struct DirectLight {
+    /// `rho * E_direct + emission`, lm/m2.
+    pub(crate) exitance: Vec<Rgb>,
+    /// `E_direct` on the sample points where it differs between them, lx; nothing of others, and where there is no detail.
+    pub(crate) on_points: Vec<Box<[Rgb]>>,
 }
 
 impl WholeWorld {
@@ -100,7 +114,8 @@ impl WholeWorld {
 
     /// Solves the light of `rig`, all bounces.
     pub(crate) fn solve(&self, rig: &LightRig) -> WholeLight {
-        self.solve_exitance(self.direct_exitance(rig), rig)
+        let DirectLight { exitance, on_points } = self.direct_light(rig);
+        WholeLight { near: on_points, ..self.solve_exitance(exitance, rig) }
     }
 
     /// Solves the light of `direct_exitance` and the sky of `rig`, all bounces.
@@ -123,26 +138,39 @@ impl WholeWorld {
             outside_irradiance: &sky_irradiance,
             reflectance: &reflectance,
         };
-        gather(rows, sources, &mut irradiance, LIMITS);
-        WholeLight { irradiance, sky_irradiance, direct_exitance, sky: rig.sky }
+        gather(&self.rows, sources, &mut irradiance, LIMITS);
+        WholeLight { irradiance, sky_irradiance, direct_exitance, near: Vec::new(), sky: rig.sky }
     }
 
-    /// `rho * E_direct + emission` of every patch, lm/m2.
+    /// What sun and lamps make of every patch.
     ///
     /// Casters of coarse levels are displaced: there rays start that far off.
-    pub(crate) fn direct_exitance(&self, rig: &LightRig) -> Vec<Rgb> {
+    pub(crate) fn direct_light(&self, rig: &LightRig) -> DirectLight {
         let epsilon = self.grid.voxel_edge_m * OccluderMesh::displacement_voxels(self.level).max(1e-3);
         let seed = self.manifest.parameters.seed;
-        self.chunks
+        let keeps_points = self.has_detail();
+        let lit: Vec<(Rgb, Box<[Rgb]>)> = self
+            .chunks
             .par_iter()
             .flat_map_iter(|chunk| {
                 chunk.patches.iter().map(move |patch| {
                     let points = chunk.points_of(patch);
-                    let arriving = direct_irradiance(&self.occluders, &rig.lights, points, epsilon, seed);
-                    patch.reflectance * arriving + patch.emission * rig.emission_scale
+                    let occluders = &self.occluders;
+                    let (arriving, on_points) = if keeps_points {
+                        direct_irradiance_on(occluders, &rig.lights, points, epsilon, seed)
+                    } else {
+                        (direct_irradiance(occluders, &rig.lights, points, epsilon, seed), Box::default())
+                    };
+                    (patch.reflectance * arriving + patch.emission * rig.emission_scale, on_points)
                 })
             })
-            .collect()
+            .collect();
+        let (exitance, on_points) = lit.into_iter().unzip();
+        DirectLight { exitance, on_points }
+    }
+
+    fn has_detail(&self) -> bool {
+        self.manifest.parameters.detail > 1 && self.level == 0
     }
 
     /// The volumes of this level that a client would hold if all of the world were resident: detail, where the world has
@@ -193,10 +221,10 @@ impl WholeWorld {
 
     /// An empty volume of the detail voxels in the voxels of `layout`; `None` where the level has none.
     fn detail_volume(&self, layout: Layout) -> anyhow::Result<Option<Volume>> {
-        let detail = self.manifest.parameters.detail;
-        if detail == 1 || self.level > 0 {
+        if !self.has_detail() {
             return Ok(None);
         }
+        let detail = self.manifest.parameters.detail;
         let voxel_edge_m = layout.voxel_edge_m / detail as f32;
         let origin = layout.origin * detail.cast_signed();
         Ok(Some(Volume::new(Layout { origin, dims: layout.dims * detail, voxel_edge_m, ..layout })?))
@@ -219,15 +247,40 @@ impl WholeWorld {
     ) -> anyhow::Result<Vec<(Rgb, Rgb)>> {
         let rows = &chunk.receivers.rows;
         let bases = segment_bases(rows, &self.first)?;
+        let own: HashMap<_, &Patch> =
+            chunk.patches.iter().map(|patch| ((patch.voxel, patch.direction), patch)).collect();
+        let viewer = |place: &ReceiverPlace| {
+            let own = own.get(&(place.voxel, place.direction))?;
+            let per_edge = self.manifest.parameters.detail;
+            Some(Viewer::new(place, place.detail?, per_edge, &self.grid, chunk.points_of(own)))
+        };
         let of_row = |row: usize| {
             let sky = light.sky.irradiance(&rows.sky_shares[row]);
+            let viewer = viewer(&chunk.receivers.places[row]);
             let gathered = rows.row(row).map(|(column, share)| {
-                let patch = bases[usize::from(column.segment)] + u32::from(column.local);
-                exitance[patch as usize] * share
+                let patch = (bases[usize::from(column.segment)] + u32::from(column.local)) as usize;
+                let excess =
+                    viewer.as_ref().filter(|_| share >= NEAR_SHARE_MIN).map_or(Rgb::ZERO, |viewer| {
+                        self.excess(viewer, rows.patch_id(column), light.near.get(patch))
+                    });
+                (exitance[patch] + excess) * share
             });
             (sky + gathered.sum::<Rgb>(), sky)
         };
         Ok((0..rows.row_count()).into_par_iter().map(of_row).collect())
+    }
+
+    /// By how much what `viewer` sees of `patch` is brighter than the whole of it, lm/m2, where direct light is `on_points`.
+    fn excess(&self, viewer: &Viewer, patch: PatchId, on_points: Option<&Box<[Rgb]>>) -> Rgb {
+        let Some(irradiance) = on_points.filter(|light| !light.is_empty()) else { return Rgb::ZERO };
+        let Ok(at) = self.chunks.binary_search_by_key(&patch.chunk, |chunk| chunk.id) else {
+            return Rgb::ZERO;
+        };
+        let (chunk, local) = (&self.chunks[at], usize::from(patch.local));
+        let Some(patch) = chunk.patches.get(local) else { return Rgb::ZERO };
+        let mean = irradiance.iter().sum::<Rgb>() / irradiance.len() as f32;
+        let seen = viewer.sees(NearPatch { points: chunk.points_of(patch), irradiance });
+        seen.map_or(Rgb::ZERO, |seen| patch.reflectance * (seen - mean))
     }
 }
 

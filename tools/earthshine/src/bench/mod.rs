@@ -118,6 +118,11 @@ impl<F: Serialize> Report<F> {
         }
     }
 
+    /// The same, computed on `backend`.
+    fn on(self, backend: &'static str) -> Self {
+        Self { backend, ..self }
+    }
+
     fn print(&self, json: bool) -> anyhow::Result<()> {
         // Through a map, so that a key stands once: figures may have seconds of their own.
         let serde_json::Value::Object(keys) = serde_json::to_value(self)? else { return Ok(()) };

@@ -11,6 +11,8 @@ use std::f32::consts::PI;
 
 /// Independent gathers of each place: their spread says how exact they are.
 pub(crate) const BLOCKS: u32 = 4;
+/// How far off a sample point rays begin, in voxel edges: tiles round points to steps that are wider than [`RAY_OFFSET`].
+const POINT_OFFSET: f32 = 1e-3;
 /// A point more of whose rays end on backs is inside of something.
 const BACK_SHARE: f32 = 0.5;
 
@@ -114,7 +116,7 @@ impl SceneLight<'_> {
 
     /// Light along one ray; whether it ends near by; whether on a back.
     fn along(&self, point: &SamplePoint, direction: Vec3) -> (f64, bool, bool) {
-        let origin = self.lifted(point.position, point.normal);
+        let origin = point.position + point.normal * (POINT_OFFSET * self.voxel_edge_m());
         match self.tracer.closest(origin, direction, 0.0, f32::INFINITY) {
             None => (mean(self.rig.sky.radiance(direction) * PI), false, false),
             Some(hit) => {

@@ -9,7 +9,7 @@ use crate::progress_bars::counted;
 use crate::side_by_side::{self, Reel};
 use crate::solver_world;
 use crate::volume_light;
-use crate::whole_world::{WholeLight, WholeWorld};
+use crate::whole_world::{DirectLight, WholeLight, WholeWorld};
 use clap::{Args, ValueEnum};
 use earthshine_fly::SunPath;
 use earthshine_radiosity::solver::{Method, SolverBackend, SolverSettings};
@@ -138,14 +138,14 @@ impl Stage<'_, '_> {
         }
     }
 
-    fn shine(&self, backend: &mut SolverBackend, rig: &LightRig, direct: &[Rgb]) -> anyhow::Result<()> {
-        Ok(backend.set_sources(&self.slots, direct, &self.world.sky_irradiance(rig))?)
+    fn shine(&self, backend: &mut SolverBackend, rig: &LightRig, direct: &DirectLight) -> anyhow::Result<()> {
+        Ok(backend.set_sources(&self.slots, &direct.exitance, &self.world.sky_irradiance(rig))?)
     }
 
     /// Pictures of every act, in turn, at one exposure.
     fn play(&self, acts: &mut [Act], every: u32) -> anyhow::Result<Vec<Vec<RgbImage>>> {
         let first = self.rig(0.0);
-        let direct = self.world.direct_exitance(&first);
+        let direct = self.world.direct_light(&first);
         for act in &mut *acts {
             self.shine(&mut act.backend, &first, &direct)?;
             for _ in 0..SETTLE_STEPS {
@@ -167,7 +167,7 @@ impl Stage<'_, '_> {
         let mut pictures = vec![Vec::new(); acts.len()];
         for frame in 0..self.frames {
             let rig = self.rig(frame as f32 / (self.frames - 1) as f32);
-            let direct = self.world.direct_exitance(&rig);
+            let direct = self.world.direct_light(&rig);
             for (act, pictures) in acts.iter_mut().zip(&mut pictures) {
                 self.shine(&mut act.backend, &rig, &direct)?;
                 act.backend.step()?;
@@ -185,7 +185,7 @@ impl Stage<'_, '_> {
         &self,
         act: &mut Act,
         rig: &LightRig,
-        direct: &[Rgb],
+        direct: &DirectLight,
         exposure: &mut Option<f32>,
     ) -> anyhow::Result<RgbImage> {
         let mut irradiance = vec![Rgb::ZERO; self.slots.len()];
@@ -194,7 +194,8 @@ impl Stage<'_, '_> {
         let light = WholeLight {
             irradiance,
             sky_irradiance: self.world.sky_irradiance(rig),
-            direct_exitance: direct.to_vec(),
+            direct_exitance: direct.exitance.clone(),
+            near: direct.on_points.clone(),
             sky: rig.sky,
         };
         let volumes = self.world.volumes(&light)?;

@@ -129,6 +129,44 @@ fn a_sweep_writes_a_table_and_charts() {
     accuracy(desk.path(), &["--sweep", "voxel=big"]).fails(USAGE, &[]);
 }
 
+/// Goal: figures of several seeds are those of each, averaged.
+#[test]
+fn seeds_are_averaged_and_their_spread_is_told() {
+    let desk = desk();
+    let points = ["--point-count", "20", "--noise", "0.1", "--write-reference", "ours.csv"];
+    accuracy(desk.path(), &points).succeeds();
+    let of = |more: &[&str]| {
+        accuracy(desk.path(), &[&["--reference", "ours.csv"], more].concat()).succeeds().json()
+    };
+    let figure = |found: &serde_json::Value, name: &str| found[name].as_f64().expect("a figure");
+    let both = of(&["--seeds", "2"]);
+    for name in ["median_rel", "rel_rmse", "bias"] {
+        let [first, second] = ["1", "2"].map(|seed| figure(&of(&["--seed", seed]), name));
+        let (mean, spread) = (0.5 * (first + second), (first - second).abs() / 2f64.sqrt());
+        assert!((figure(&both, name) - mean).abs() < 1e-9, "{name}: {both}");
+        assert!((figure(&both["spread"], name) - spread).abs() < 1e-9, "{name}: {both}");
+    }
+    assert_eq!((&both["seeds"], both["by_seed"].as_array().map(Vec::len)), (&2.into(), Some(2)));
+    accuracy(desk.path(), &["--seeds", "0"]).fails(USAGE, &["--seeds"]);
+    accuracy(desk.path(), &["--seeds", "2", "--worst"]).fails(USAGE, &["--seeds"]);
+}
+
+/// Goal: whoever solves, the light is the same; each within its own noise.
+#[test]
+fn solvers_agree_and_a_device_needs_the_matrix() {
+    let desk = desk();
+    let points = ["--point-count", "20", "--noise", "0.1", "--write-reference", "ours.csv"];
+    let gathered = accuracy(desk.path(), &points).succeeds().json();
+    for (solver, most) in [("matrix", 1e-4), ("hybrid", 1e-4), ("alias", 0.05)] {
+        let found = accuracy(desk.path(), &["--reference", "ours.csv", "--solver", solver]).succeeds().json();
+        assert_eq!((&found["solver"], &found["backend"]), (&solver.into(), &"cpu".into()));
+        let gap = gathered["bias"].as_f64().zip(found["bias"].as_f64()).map(|(a, b)| (a - b).abs());
+        assert!(gap.is_some_and(|gap| gap < most), "{solver}: {gap:?}");
+    }
+    accuracy(desk.path(), &["--solver", "magic"]).fails(USAGE, &["magic", "hybrid"]);
+    accuracy(desk.path(), &["--backend", "gpu"]).fails(USAGE, &["--solver matrix"]);
+}
+
 #[test]
 fn our_tracer_agrees_with_itself() {
     let desk = desk();

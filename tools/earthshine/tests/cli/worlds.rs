@@ -1,6 +1,6 @@
 //! Worlds that are missing or damaged: exit code 4, or 9 where faults were asked for; the file and the cure by name.
 
-use crate::command::{FAULTS, STORAGE, WORLD, bake, cornell_world, files, run};
+use crate::command::{FAULTS, STORAGE, USAGE, WORLD, bake, cornell_world, files, run};
 use earthshine_tiles::{Manifest, format};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
@@ -100,6 +100,21 @@ fn a_manifest_of_another_version() {
     .expect("a scratch folder");
     for command in [&["inspect", "world"][..], &["serve", "world"], &bake("cornell", "world")[..8]] {
         run(folder.path(), command).fails(WORLD, &["world.toml", "format version 77", "this program reads"]);
+    }
+}
+
+#[test]
+fn a_detail_that_voxels_cannot_be_cut_in() {
+    let folder = world();
+    let cut = [&bake("cornell", "other")[..], &["--detail", "3"]].concat();
+    run(folder.path(), &cut).fails(USAGE, &["--detail", "1, 2 or 4"]);
+    assert!(!folder.path().join("other").exists());
+    let path = folder.path().join("world/world.toml");
+    let text = std::fs::read_to_string(&path).expect("a manifest");
+    assert!(text.contains("detail = 1\n"), "{text}");
+    std::fs::write(&path, text.replace("detail = 1\n", "detail = 3\n")).expect("a scratch folder");
+    for command in [&["inspect", "world"][..], &["serve", "world"]] {
+        run(folder.path(), command).fails(WORLD, &["world.toml", "parameters.detail is not 1, 2 or 4"]);
     }
 }
 

@@ -1,5 +1,6 @@
 //! A world with its light, baked for the occasion or read from a folder.
 
+use super::solving::SolvingArguments;
 use crate::bench::scratch;
 use crate::scene_source::SceneSource;
 use crate::whole_world::{WholeLight, WholeWorld};
@@ -24,9 +25,14 @@ pub(in crate::bench) struct Measured {
 }
 
 impl Measured {
-    fn solve(world: WholeWorld, source: &SceneSource, bake_seconds: Option<f64>) -> anyhow::Result<Self> {
+    fn solve(
+        world: WholeWorld,
+        source: &SceneSource,
+        solver: &SolvingArguments,
+        bake_seconds: Option<f64>,
+    ) -> anyhow::Result<Self> {
         let solving = Instant::now();
-        let light = world.solve(&source.lights);
+        let light = solver.solve(&world, &source.lights)?;
         let volumes = world.volumes(&light)?;
         let solve_seconds = solving.elapsed().as_secs_f64();
         let chunks = &world.manifest.chunks;
@@ -52,19 +58,33 @@ impl Measured {
     }
 }
 
-/// Bakes into a scratch folder, loads and solves.
+/// Bakes into a scratch folder, loads and gathers bounce by bounce.
 pub(in crate::bench) fn baked(
+    source: &SceneSource,
+    parameters: BakeParameters,
+    quiet: bool,
+) -> anyhow::Result<Measured> {
+    baked_for(&SolvingArguments::default(), source, parameters, quiet)
+}
+
+/// Bakes into a scratch folder, loads, and solves by `solver`.
+pub(super) fn baked_for(
+    solver: &SolvingArguments,
     source: &SceneSource,
     parameters: BakeParameters,
     quiet: bool,
 ) -> anyhow::Result<Measured> {
     let folder = tempfile::tempdir().context("a scratch folder for the world")?;
     let summary = scratch::bake(source, parameters, Levels::Exactly(1), folder.path(), quiet)?;
-    Measured::solve(WholeWorld::load(folder.path())?, source, Some(summary.seconds))
+    Measured::solve(WholeWorld::load(folder.path())?, source, solver, Some(summary.seconds))
 }
 
 /// Loads a world that was baked from `source`, and solves it under the source's lights.
-pub(in crate::bench) fn loaded(source: &SceneSource, folder: &Path) -> anyhow::Result<Measured> {
+pub(super) fn loaded(
+    solver: &SolvingArguments,
+    source: &SceneSource,
+    folder: &Path,
+) -> anyhow::Result<Measured> {
     let world = WholeWorld::load(folder)?;
     let expected = identity::content_hash(&source.scene, &world.manifest.parameters);
     ensure!(
@@ -74,5 +94,5 @@ pub(in crate::bench) fn loaded(source: &SceneSource, folder: &Path) -> anyhow::R
         world.manifest.scene,
         source.name
     );
-    Measured::solve(world, source, None)
+    Measured::solve(world, source, solver, None)
 }

@@ -4,6 +4,8 @@ mod beyond;
 mod furnace;
 pub(super) mod measured;
 mod points;
+mod seeds;
+mod solving;
 mod sweep;
 mod text;
 
@@ -22,6 +24,7 @@ use earthshine_render::compare_points::{LightErrors, compare_points};
 use earthshine_render::csv::{self, ReferencePoint};
 use measured::Measured;
 use serde::Serialize;
+use solving::SolvingArguments;
 use std::path::PathBuf;
 use std::time::Instant;
 use sweep::Sweep;
@@ -33,6 +36,8 @@ use sweep::Sweep;
   earthshine bench accuracy --scene sponza.glb --lights sponza.lights.json --reference sponza.mitsuba.csv --voxel 1
   earthshine bench accuracy --scene sponza.glb --world sponza.world --reference sponza.mitsuba.csv --report causes.json
   earthshine bench accuracy --scene office.glb --reference office.mitsuba.csv --worst
+  earthshine bench accuracy --scene cornell --seeds 8
+  earthshine bench accuracy --scene cornell --solver matrix --backend gpu
   earthshine bench accuracy --scene cornell --sweep voxel=0.28,0.2,0.14,0.1 --sweep-out cornell-voxels
   earthshine bench accuracy --scene two-rooms --write-reference two-rooms.csv")]
 pub(crate) struct AccuracyArguments {
@@ -76,6 +81,12 @@ pub(crate) struct AccuracyArguments {
     /// Where a sweep goes: PATH.csv, PATH.svg, PATH.png.
     #[arg(long, default_value = "sweep", requires = "sweep")]
     sweep_out: PathBuf,
+    /// Measures with so many seeds, from --seed on: mean and spread of each figure.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=i64::from(seeds::SEEDS_MAX)),
+          conflicts_with_all = ["sweep", "report", "worst", "out", "world"])]
+    seeds: u32,
+    #[command(flatten)]
+    solving: SolvingArguments,
     #[command(flatten)]
     quality: QualityArguments,
 }
@@ -112,6 +123,7 @@ pub(crate) fn run(arguments: &AccuracyArguments, json: bool) -> anyhow::Result<(
     if arguments.point_count == 0 && arguments.points.is_none() && arguments.reference.is_none() {
         return Err(WrongUse("--point-count 0 leaves nothing to compare: ask for 1 or more").into());
     }
+    arguments.solving.check()?;
     let started = Instant::now();
     let metals_black = arguments.quality.metals_black();
     let source = scene_source::load_generated(
@@ -130,9 +142,15 @@ pub(crate) fn run(arguments: &AccuracyArguments, json: bool) -> anyhow::Result<(
     if let Some(sweep) = &arguments.sweep {
         return sweep::run(sweep, arguments, &source, &reference, json, started);
     }
+    if arguments.seeds > 1 {
+        return seeds::run(arguments.seeds, arguments, &source, &reference, json, started);
+    }
     let measured = match &arguments.world {
-        Some(folder) => measured::loaded(&source, folder)?,
-        None => measured::baked(&source, arguments.quality.parameters(&source), json)?,
+        Some(folder) => measured::loaded(&arguments.solving, &source, folder)?,
+        None => {
+            let parameters = arguments.quality.parameters(&source);
+            measured::baked_for(&arguments.solving, &source, parameters, json)?
+        }
     };
     let (light, mut figures) = compared(&measured, &reference, reference_seconds)?;
     if let Some(path) = &arguments.out {
@@ -151,7 +169,9 @@ pub(crate) fn run(arguments: &AccuracyArguments, json: bool) -> anyhow::Result<(
         figures.beyond_points = Some(beyond::list(&measured, &source, &reference, &light, json)?);
     }
     let seconds = started.elapsed().as_secs_f64();
-    let report = Report::new("accuracy", &source.name, "gather", arguments.quality.seed, seconds, figures);
+    let (solving, seed) = (&arguments.solving, arguments.quality.seed);
+    let report = Report::new("accuracy", &source.name, solving.name(), seed, seconds, figures)
+        .on(solving.backend.name());
     if json {
         return report.print(json);
     }

@@ -102,7 +102,7 @@ pub(super) fn run(
     let mut steps = Vec::with_capacity(sweep.values.len());
     for &value in &sweep.values {
         let quality = sweep.varied.applied(&arguments.quality, value);
-        let measured = measured::baked(source, quality.parameters(source), json)?;
+        let measured = measured::baked_for(&arguments.solving, source, quality.parameters(source), json)?;
         let (_, figures) = compared(&measured, reference, 0.0)?;
         steps.push(figures);
     }
@@ -114,7 +114,9 @@ pub(super) fn run(
     if json {
         let figures = SweepFigures { varied: sweep.varied, sweep: steps, files: [csv, svg, png] };
         let seconds = started.elapsed().as_secs_f64();
-        return Report::new("accuracy", &source.name, "gather", arguments.quality.seed, seconds, figures)
+        let (solver, seed) = (arguments.solving.name(), arguments.quality.seed);
+        return Report::new("accuracy", &source.name, solver, seed, seconds, figures)
+            .on(arguments.solving.backend.name())
             .print(json);
     }
     print(sweep, &steps, source, arguments);
