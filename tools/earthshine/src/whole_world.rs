@@ -138,7 +138,7 @@ impl WholeWorld {
             outside_irradiance: &sky_irradiance,
             reflectance: &reflectance,
         };
-        gather(&self.rows, sources, &mut irradiance, LIMITS);
+        gather(rows, sources, &mut irradiance, LIMITS);
         WholeLight { irradiance, sky_irradiance, direct_exitance, near: Vec::new(), sky: rig.sky }
     }
 
@@ -261,7 +261,7 @@ impl WholeWorld {
                 let patch = (bases[usize::from(column.segment)] + u32::from(column.local)) as usize;
                 let excess =
                     viewer.as_ref().filter(|_| share >= NEAR_SHARE_MIN).map_or(Rgb::ZERO, |viewer| {
-                        self.excess(viewer, rows.patch_id(column), light.near.get(patch))
+                        self.excess(viewer, rows.patch_id(column), light.near.get(patch).map(AsRef::as_ref))
                     });
                 (exitance[patch] + excess) * share
             });
@@ -271,7 +271,7 @@ impl WholeWorld {
     }
 
     /// By how much what `viewer` sees of `patch` is brighter than the whole of it, lm/m2, where direct light is `on_points`.
-    fn excess(&self, viewer: &Viewer, patch: PatchId, on_points: Option<&Box<[Rgb]>>) -> Rgb {
+    fn excess(&self, viewer: &Viewer, patch: PatchId, on_points: Option<&[Rgb]>) -> Rgb {
         let Some(irradiance) = on_points.filter(|light| !light.is_empty()) else { return Rgb::ZERO };
         let Ok(at) = self.chunks.binary_search_by_key(&patch.chunk, |chunk| chunk.id) else {
             return Rgb::ZERO;
