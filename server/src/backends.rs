@@ -3,8 +3,9 @@
 use crate::config::{BackendKind, Config};
 use crate::error::ServerError;
 use earthshine_engine::{BackendFactory, SolverConfig};
-use earthshine_gpu::{AdapterChoice, GpuBackend, GpuDevice, memory};
-use earthshine_radiosity::solver::{Method, SolverBackend, SolverSettings};
+use earthshine_gpu::{AdapterChoice, GpuBackend, GpuDevice, GpuRowLight, memory};
+use earthshine_radiosity::solver::row_light::RowLightFactory;
+use earthshine_radiosity::solver::{CpuRowLight, Method, SolverBackend, SolverSettings};
 use earthshine_radiosity::{Backend, BackendError, CpuBackend, LocalMatrix, Slot};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -75,10 +76,18 @@ impl Backends {
         })
     }
 
+    /// Light over rows, for every method but the matrix.
+    fn light(&self) -> RowLightFactory {
+        match self.choice.as_ref().and_then(|choice| reopened(&self.current, choice)) {
+            Some(device) => GpuRowLight::factory(&device),
+            None => CpuRowLight::factory(),
+        }
+    }
+
     /// Backends that solve as `config` says, with matrices where they need one.
     pub(crate) fn solving(&self, config: &SolverConfig) -> BackendFactory {
         let matrices = Arc::new(Mutex::new(self.matrices()));
-        let config = config.clone();
+        let (config, backends) = (config.clone(), self.clone());
         Box::new(move |capacity| {
             let matrices = Arc::clone(&matrices);
             let make = move |capacity| (matrices.lock().unwrap_or_else(PoisonError::into_inner))(capacity);
@@ -89,7 +98,8 @@ impl Backends {
             let method = if needs_matrix { Method::Matrix } else { Method::Gather };
             // The engine tells each level's solver.
             let settings = SolverSettings { method, ..SolverSettings::default() };
-            Ok(Box::new(SolverBackend::new(capacity, settings, Box::new(make))?) as Box<dyn Backend>)
+            let backend = SolverBackend::with_light(capacity, settings, Box::new(make), backends.light())?;
+            Ok(Box::new(backend) as Box<dyn Backend>)
         })
     }
 }
@@ -182,6 +192,50 @@ mod tests {
             assert_eq!(backends.matrices()(8).expect("a small matrix").capacity(), 8);
             assert!(backends.device().get().is_none());
         }
+    }
+
+    /// Goal: a device whose limits are below the configured size gives as many slots as it may, and says so, or is refused
+    /// where fewer are not wanted. Method: any adapter, bound to small buffers.
+    #[test]
+    fn limits_below_the_size_are_fewer_slots_or_a_refusal() {
+        let any = AdapterChoice { allow_software: true, ..AdapterChoice::default() };
+        let Ok(device) = GpuDevice::open_within(&any, 1 << 16) else {
+            assert!(std::env::var_os("EARTHSHINE_TEST_GPU_REQUIRED").is_none(), "there has to be an adapter");
+            return;
+        };
+        let most = memory::slots_max(device.binding_bytes_max());
+        assert!((1..4096).contains(&most), "{most}");
+        assert_eq!(on_device(&device, 4096, false).expect("fewer").capacity(), most);
+        assert!(matches!(on_device(&device, 4096, true), Err(BackendError::OutOfMemory { slots: 4096, .. })));
+        let mut config = config(BackendKind::Gpu, "");
+        config.engine.resident_patches_max = 4096;
+        fits(&config, &device).expect("fewer are said");
+        config.gpu_strict = true;
+        let Err(error) = fits(&config, &device) else { panic!("strictly, 4096 do not fit") };
+        assert!(matches!(&error, ServerError::GpuSlots { wanted: 4096, most: found, .. } if *found == most), "{error}");
+        config.engine.resident_patches_max = most;
+        fits(&config, &device).expect("as many as there are");
+    }
+
+    /// Goal: a device solves whatever is asked for, and is opened again for light over rows once it is lost. Method: a
+    /// hybrid, before and after.
+    #[test]
+    fn light_over_rows_is_made_on_the_device_that_is_there() {
+        let any = AdapterChoice { allow_software: true, ..AdapterChoice::default() };
+        let Ok(device) = GpuDevice::open(&any) else { return };
+        let current = CurrentDevice::default();
+        current.set(Some(device.clone()));
+        let backends = Backends { current, choice: Some(any), strict: false };
+        let hybrid = SolverConfig { by_level: vec![Method::Hybrid], ..SolverConfig::default() };
+        let step = || {
+            let mut backend = (backends.solving(&hybrid))(16).expect("a small backend");
+            backend.set_solver(&hybrid.settings(0, 16, 1)).expect("sound settings");
+            backend.step().map(drop)
+        };
+        assert_eq!(step(), Ok(()));
+        device.destroy();
+        assert_eq!(step(), Ok(()), "on a device that was opened again");
+        assert!(backends.device().get().is_some_and(|device| !device.is_lost()));
     }
 
     /// Goal: a device without room gives fewer slots, or an error if fewer are not wanted; other errors are not retried.

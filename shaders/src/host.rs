@@ -97,6 +97,14 @@ gpu_structs! {
         frame: u32,
         /// Draws a row and frame, 1 at least where any are made.
         samples_per_row: u32,
+        /// Links that a round of shots may take, 1 at least.
+        budget_links: u32,
+        /// Slots with a patch.
+        taken_count: u32,
+        /// 1 where light is shot.
+        is_shot: u32,
+        /// 1 where patches leave.
+        is_leaving: u32,
     }
 
     /// A patch in its slot; all zero in a free one.
@@ -145,6 +153,38 @@ gpu_structs! {
         first_guide: u32,
         /// Where the sum of its weights is.
         total_at: u32,
+    }
+
+    /// One form factor of a row.
+    Link {
+        /// Whom it leads to.
+        slot: u32,
+        /// 0..=1.
+        share: f32,
+    }
+
+    /// Where the links of a slot's row are.
+    LiveRow {
+        /// Where they begin.
+        first: u32,
+        /// 0 for a free slot.
+        count: u32,
+    }
+
+    /// A row that changes: who leaves is struck from it, who comes is appended, and it may move.
+    RowEdit {
+        /// Whose row.
+        slot: u32,
+        /// Where its links began.
+        old_first: u32,
+        /// How many there were.
+        old_count: u32,
+        /// Where they begin from now on.
+        first: u32,
+        /// Where those begin that are appended.
+        first_new: u32,
+        /// How many are appended.
+        new_count: u32,
     }
 
     /// Of a stripe's 64 slots, which carry light and whose light is wanted.

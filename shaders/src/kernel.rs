@@ -150,12 +150,6 @@ kernel!(
 );
 
 kernel!(
-    /// What of each row is far and the sky's: its last two weights.
-    SPLIT_OUTSIDE = "split_outside",
-    ["row_span", "span_sum"],
-    [read("spans"), read("sky_shares"), written("weights")]
-);
-kernel!(
     /// Cumulative tables, one workgroup a row.
     BUILD_CDF = "build_cdf",
     ["row_span", "cdf_guide", "span_sum", "lane_scan"],
@@ -164,14 +158,116 @@ kernel!(
 kernel!(
     /// What draws of the outside bring.
     SHARE_OUTSIDE = "share_outside",
-    ["row_span"],
-    [read("spans"), read("weights"), read("outside"), read("sky"), written("outside_draws")]
+    [],
+    [read("outside_shares"), read("sky_shares"), read("outside"), read("sky"), written("outside_draws")]
 );
 kernel!(
-    /// What leaves patches, all channels at once.
+    /// What each patch has sent.
     SEND_LIGHT = "send_light",
     ["resident"],
-    [read("residents"), read("own_light"), read("irradiance"), written("sent")]
+    [read("residents"), read("own_light"), read("irradiance"), read("unshot"), written("sent")]
+);
+kernel!(
+    /// Strikes who leaves from rows and appends who comes.
+    EDIT_ROWS = "edit_rows",
+    ["row_edit", "link", "lane_scan"],
+    [read("edits"), read("leaving"), read("newcomers"), written("links"), written("rows"), written("outside_shares"), read("sent"), written("arriving")]
+);
+kernel!(
+    /// In tables, who leaves looks far.
+    FORGET_LEAVING = "forget_leaving",
+    ["row_edit", "row_span", "draw"],
+    [read("edits"), read("leaving"), written("spans"), written("outcomes")]
+);
+kernel!(
+    /// No light in slots that somebody leaves.
+    CLEAR_SLOTS = "clear_slots",
+    [],
+    [read("slots"), written("own_light"), written("outside"), written("irradiance"), written("unshot"), written("arriving"), written("rest")]
+);
+kernel!(
+    /// Takes new sources of all slots.
+    TAKE_SOURCES = "take_sources",
+    ["resident"],
+    [read("residents"), read("new_own_light"), read("new_outside"), written("own_light"), written("outside"), written("irradiance"), written("unshot")]
+);
+kernel!(
+    /// What arrives at each of some slots.
+    GATHER_ROWS = "gather_rows",
+    ["link"],
+    [read("slots"), read("rows"), read("links"), read("sent"), read("outside"), written("gathered")]
+);
+kernel!(
+    /// Takes what was gathered for light.
+    TAKE_GATHERED = "take_gathered",
+    ["resident"],
+    [read("slots"), read("residents"), read("gathered"), written("irradiance"), written("unshot")]
+);
+kernel!(
+    /// Sums over slots, a pair a workgroup.
+    MEASURE_LIGHT = "measure_light",
+    ["resident", "shots"],
+    [read("residents"), read("own_light"), read("irradiance"), read("unshot"), read("gathered"), written("light_sums")]
+);
+kernel!(
+    /// Sums of [`MEASURE_LIGHT`], and what they say.
+    SUM_LIGHT = "sum_light",
+    ["shots"],
+    [read("light_sums"), written("shot_words")]
+);
+kernel!(
+    /// Weights and outcomes of rows whose tables are built next.
+    FILL_TABLES = "fill_tables",
+    ["row_span", "link", "draw", "span_sum"],
+    [read("builds"), read("rows"), read("links"), read("sky_shares"), written("weights"), written("outcomes"), written("spans"), written("totals")]
+);
+kernel!(
+    /// Brings flux that has arrived into light, and counts who matters.
+    FOLD_FLUX = "fold_flux",
+    ["resident", "link", "shots"],
+    [read("residents"), read("rows"), read("shot_words"), written("arrived"), written("arriving"), written("irradiance"), written("unshot"), written("classes")]
+);
+kernel!(
+    /// The least important class that shoots in a round.
+    CHOOSE_CLASS = "choose_class",
+    ["shots", "lane_scan"],
+    [written("classes"), written("shot_words")]
+);
+kernel!(
+    /// Links of the last class that shoots, of each workgroup of slots.
+    COUNT_LAST = "count_last",
+    ["resident", "link", "shots", "importance", "lane_scan"],
+    [read("residents"), read("rows"), read("unshot"), read("shot_words"), written("group_counts")]
+);
+kernel!(
+    /// Counts of workgroups to counts of those before.
+    SCAN_GROUPS = "scan_groups",
+    ["lane_scan"],
+    [written("group_counts")]
+);
+kernel!(
+    /// Lists who shoots in a round.
+    TAKE_SHOOTERS = "take_shooters",
+    ["resident", "link", "shots", "importance", "lane_scan"],
+    [read("residents"), read("rows"), written("unshot"), written("shot_words"), read("group_counts"), written("shooters"), written("shot")]
+);
+kernel!(
+    /// Shooters send along their rows.
+    SHOOT_LINKS = "shoot_links",
+    ["resident", "link", "shots"],
+    [read("residents"), read("rows"), read("links"), read("shooters"), read("shot"), read("shot_words"), written("arrived")]
+);
+kernel!(
+    /// What leaves patches of what is not shot yet.
+    SEND_REST = "send_rest",
+    ["resident"],
+    [read("residents"), read("unshot"), read("rest"), written("sent")]
+);
+kernel!(
+    /// Light and what is estimated beside it.
+    PUBLISH_LIGHT = "publish_light",
+    ["shots"],
+    [read("irradiance"), read("shot_words"), written("rest"), written("published")]
 );
 kernel!(
     /// Draws from alias tables, blended with the past.
@@ -218,10 +314,26 @@ pub const KERNELS: &[Kernel] = &[
     MULTIPLY_TILES,
     SUM_TILES,
     BUILD_ALIAS,
-    SPLIT_OUTSIDE,
     BUILD_CDF,
     SHARE_OUTSIDE,
     SEND_LIGHT,
+    EDIT_ROWS,
+    FORGET_LEAVING,
+    CLEAR_SLOTS,
+    TAKE_SOURCES,
+    GATHER_ROWS,
+    TAKE_GATHERED,
+    MEASURE_LIGHT,
+    SUM_LIGHT,
+    FILL_TABLES,
+    FOLD_FLUX,
+    CHOOSE_CLASS,
+    COUNT_LAST,
+    SCAN_GROUPS,
+    TAKE_SHOOTERS,
+    SHOOT_LINKS,
+    SEND_REST,
+    PUBLISH_LIGHT,
     DRAW_ALIAS,
     DRAW_CDF,
 ];

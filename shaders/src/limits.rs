@@ -12,6 +12,26 @@ pub const SECTIONS: u32 = 4;
 pub const RETURN_BANDS: u32 = 16;
 /// Workgroups in a row of a grid that is too long for one dimension.
 pub const GRID_WIDTH: u32 = 4096;
+/// Among the words of shots: mean power of patches, remembered for a while.
+pub const SHOT_SCALE: u32 = 0;
+/// Among the words of shots: unshot power as a share of all, after a frame.
+pub const SHOT_UNSHOT_SHARE: u32 = 1;
+/// Among the words of shots: squared relative change of a bounce, of the worst channel.
+pub const SHOT_CHANGE: u32 = 2;
+/// Among the words of shots: patches that shot in a frame.
+pub const SHOT_SHOOTERS: u32 = 3;
+/// Among the words of shots: patches that shoot in a round.
+pub const SHOT_LISTED: u32 = 4;
+/// Among the words of shots: most that any of them shoots, the bits of a positive `f32`.
+pub const SHOT_BRIGHTEST: u32 = 5;
+/// Among the words of shots: least important class that shoots.
+pub const SHOT_LAST_CLASS: u32 = 6;
+/// Among the words of shots: links of that class that may be shot over.
+pub const SHOT_LINKS_OF_LAST: u32 = 7;
+/// Words of shots.
+pub const SHOT_WORDS: u32 = 8;
+/// Classes of importance: sign, exponent and three bits of a positive `f32`.
+pub const SHOT_CLASSES: u32 = 1 << 11;
 
 /// Every constant that a kernel may name, as WGSL has it. A test holds each kernel against this list.
 pub const CONSTANTS: &[(&str, u32)] = &[
@@ -21,4 +41,13 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("SECTIONS", SECTIONS),
     ("RETURN_BANDS", RETURN_BANDS),
     ("GRID_WIDTH", GRID_WIDTH),
+    ("SHOT_SCALE", SHOT_SCALE),
+    ("SHOT_UNSHOT_SHARE", SHOT_UNSHOT_SHARE),
+    ("SHOT_CHANGE", SHOT_CHANGE),
+    ("SHOT_SHOOTERS", SHOT_SHOOTERS),
+    ("SHOT_LISTED", SHOT_LISTED),
+    ("SHOT_BRIGHTEST", SHOT_BRIGHTEST),
+    ("SHOT_LAST_CLASS", SHOT_LAST_CLASS),
+    ("SHOT_LINKS_OF_LAST", SHOT_LINKS_OF_LAST),
+    ("SHOT_CLASSES", SHOT_CLASSES),
 ];

@@ -13,6 +13,7 @@
 //! | [`agreement`] | served light beside solved light |
 //! | [`adapter`] | a device for the GPU backend, or a line that says why not |
 //! | [`backend_suite`] | what every [`Backend`](earthshine_radiosity::Backend) promises |
+//! | [`solver_suite`] | what every [`RowLight`](earthshine_radiosity::solver::RowLight) promises |
 //! | [`store_suite`] | what every [`TileStore`](earthshine_tiles::TileStore) promises |
 //! | [`shared`] | the shared scenes, or a line that says they are not there |
 
@@ -23,5 +24,6 @@ pub mod baked;
 pub mod served;
 pub mod shared;
 pub mod solved;
+pub mod solver_suite;
 pub mod store_suite;
 pub mod viewer;

@@ -2,10 +2,11 @@
 
 mod flawed;
 
-use earthshine_radiosity::solver::{Method, SolverBackend, SolverSettings};
+use earthshine_radiosity::solver::{CpuRowLight, Method, SolverBackend, SolverSettings};
 use earthshine_radiosity::{Backend, CpuBackend};
 use earthshine_tests::backend_suite::backend_conformance;
 use earthshine_tests::baked::{BakedWorld, coarse, imported, own_lights};
+use earthshine_tests::solver_suite::{drawing_conformance, solver_conformance};
 use earthshine_tests::store_suite::store_conformance;
 use earthshine_tiles::{DirStore, FaultPlan, FaultyStore, Manifest};
 use flawed::{Flaw, FlawedBackend};
@@ -27,6 +28,12 @@ fn a_solver_backend_with_a_matrix_conforms() {
         let settings = SolverSettings { method: Method::Matrix, ..SolverSettings::default() };
         Box::new(SolverBackend::new(slots, settings, Box::new(make)).expect("a small matrix"))
     });
+}
+
+#[test]
+fn solvers_on_the_cpu_conform() {
+    solver_conformance(&CpuRowLight::factory);
+    drawing_conformance(&CpuRowLight::factory);
 }
 
 /// Goal: the suite notices. Method: the CPU backend with one small flaw at a time.

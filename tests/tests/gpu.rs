@@ -4,8 +4,9 @@
 use earthshine_client::{ClientOptions, Lights, Vec3};
 use earthshine_gen::fixtures;
 use earthshine_gpu::alias::AliasBuilder;
-use earthshine_gpu::{GpuBackend, GpuDevice};
+use earthshine_gpu::{GpuBackend, GpuDevice, GpuRowLight};
 use earthshine_radiosity::Backend;
+use earthshine_radiosity::solver::Method;
 use earthshine_radiosity::tables::edge_rows::edge_rows;
 use earthshine_radiosity::tables::{AliasTable, BuildRoom, RowTable};
 use earthshine_radiosity::{BackendError, Slot, Update};
@@ -16,6 +17,7 @@ use earthshine_tests::backend_suite::{backend_conformance, backend_conformance_a
 use earthshine_tests::baked::{BakedWorld, coarse, imported, own_lights};
 use earthshine_tests::served::ServedWorld;
 use earthshine_tests::solved::SolvedWorld;
+use earthshine_tests::solver_suite::{drawing_conformance, solver_conformance};
 use earthshine_tests::viewer::{connect, settled_at, within};
 use earthshine_world::{LightRig, Rgb, Sky};
 use std::time::Duration;
@@ -50,6 +52,14 @@ fn the_gpu_backend_conforms_with_split_planes() {
     }
 }
 
+/// Goal: light over rows keeps what every solver promises. Method: the suite that the CPU passes.
+#[test]
+fn solvers_on_a_device_conform() {
+    let Some(device) = device_or_skip() else { return };
+    solver_conformance(&|| GpuRowLight::factory(&device));
+    drawing_conformance(&|| GpuRowLight::factory(&device));
+}
+
 /// Goal: nothing of a lost device is ever taken for light. Method: it is destroyed after a step; every call says so.
 #[test]
 fn a_lost_device_is_an_error_of_every_call() {
@@ -81,6 +91,16 @@ fn a_lost_device_is_an_error_of_every_call() {
 /// served on any adapter, held against a solve of the whole; the device is destroyed under it.
 #[tokio::test]
 async fn a_service_outlives_its_device() {
+    outlives(Method::Matrix).await;
+}
+
+/// The same, with light over rows on the device.
+#[tokio::test]
+async fn a_service_that_shoots_outlives_its_device() {
+    outlives(Method::Hybrid).await;
+}
+
+async fn outlives(method: Method) {
     let Some(probe) = device_or_skip() else { return };
     let scene = imported(&fixtures::corridor_glb(8.0));
     let lights = LightRig { sky: Sky::constant(Rgb::splat(1e4)), ..own_lights(&scene) };
@@ -91,6 +111,7 @@ async fn a_service_outlives_its_device() {
         config.backend = BackendKind::Gpu;
         config.gpu_adapter = probe.name().to_owned();
         config.engine.retry_after_s = 0.05;
+        config.engine.solver.by_level = vec![method];
     })
     .await;
     let own: Lights =

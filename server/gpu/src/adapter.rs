@@ -185,3 +185,35 @@ fn report(adapter: &Adapter) -> AdapterReport {
         name: info.name,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::GpuDevice;
+    use std::io::Write as _;
+
+    /// Goal: what computes on the CPU is used only by who asks for it, by name or by leave; a name that nobody has is said
+    /// with those there are. Method: whatever adapters there are.
+    #[test]
+    fn a_software_adapter_is_used_only_when_asked() {
+        let wanted = AdapterChoice { name: "an adapter that nobody has".to_owned(), allow_software: true };
+        let refused = GpuDevice::open(&wanted).map(drop);
+        let Some(software) = list().into_iter().find(|adapter| adapter.is_software) else {
+            assert!(matches!(refused, Err(GpuError::NoAdapter | GpuError::NotFound { .. })), "{refused:?}");
+            writeln!(std::io::stderr(), "SKIPPED a test of software adapters: there is none").expect("standard error");
+            return;
+        };
+        let Err(GpuError::NotFound { found, .. }) = refused else { panic!("{refused:?}") };
+        assert!(found.contains(&software.name), "{found}");
+        let open = |name: &str, allow_software| {
+            GpuDevice::open(&AdapterChoice { name: name.to_owned(), allow_software })
+        };
+        if list().iter().all(|adapter| adapter.is_software) {
+            let refused = open("", false).map(drop);
+            assert!(matches!(&refused, Err(GpuError::Software { name }) if *name == software.name), "{refused:?}");
+            assert!(open("", true).is_ok(), "with leave");
+        }
+        let named = open(&software.name.to_uppercase(), false).expect("it is named");
+        assert_eq!(named.name(), software.name);
+    }
+}

@@ -75,8 +75,8 @@ impl AliasBuilder {
         Ok(Self {
             device: device.clone(),
             weights: buffer("weights", u64::from(weight))?,
-            masses: buffer("masses", u64::from(bin))?,
-            parts: buffer("parts", 2 * u64::from(bin))?,
+            masses: buffer("masses", u64::from(weight))?,
+            parts: buffer("parts", 2 * u64::from(weight))?,
             bins: buffer("bins", u64::from(bin))?,
             totals: buffer("totals", sections.len() as u64)?,
             top_totals: buffer("totals of rows", tops.len() as u64)?,
@@ -147,52 +147,6 @@ impl AliasBuilder {
             let bound = [&spans.buffer, weights, &self.masses, &self.parts, &self.bins, totals];
             let pass = Pass { entry_count: spans.count, ..Pass::default() };
             recorder.dispatch(&BUILD_ALIAS, &bound, pass, folded(spans.count));
-        }
-        recorder.submit().map(|_| ())
-    }
-
-    /// The weights of all rows, one after the other.
-    pub(crate) fn weights(&self) -> &Buffer {
-        &self.weights
-    }
-
-    /// All tables' words.
-    pub(crate) fn bins(&self) -> &Buffer {
-        &self.bins
-    }
-
-    /// Where each row's words begin, and which of [`Self::copy_totals`] is its own.
-    pub(crate) fn places(&self) -> (Vec<usize>, Vec<u32>) {
-        let (mut section, mut top) = (0u32, self.sections.count);
-        let totals = self.row_starts.windows(2).map(|bins| {
-            let count = (bins[1] - bins[0]).div_ceil(SECTION_ITEMS_MAX + 1) as u32;
-            let at = if count > 1 { top } else { section };
-            section += count;
-            top += u32::from(count > 1);
-            at
-        });
-        let totals = totals.collect();
-        (self.row_starts[..self.row_starts.len() - 1].to_vec(), totals)
-    }
-
-    /// Totals of sections and of rows with several.
-    pub(crate) fn total_count(&self) -> usize {
-        (self.sections.count + self.tops.count) as usize
-    }
-
-    /// Copies the totals of sections, then those of rows with several.
-    ///
-    /// # Errors
-    /// [`BackendError::DeviceLost`].
-    pub(crate) fn copy_totals(&self, into: &Buffer) -> Result<(), BackendError> {
-        let mut recorder = Recorder::new(&self.device, &self.uniforms, None);
-        let mut at = 0;
-        for (totals, count) in [(&self.totals, self.sections.count), (&self.top_totals, self.tops.count)] {
-            let bytes = 4 * u64::from(count);
-            if bytes > 0 {
-                recorder.encoder().copy_buffer_to_buffer(totals, 0, into, at, bytes);
-            }
-            at += bytes;
         }
         recorder.submit().map(|_| ())
     }

@@ -18,8 +18,8 @@
 //! No kernel uses float atomics and every sum has one order: the same calls give the same bits on the same device and
 //! driver. Other devices round differently.
 //!
-//! Start at [`adapter`], then [`GpuBackend`]; `matrix` holds the passes, `recorder` how one is run. [`alias`] builds tables to
-//! draw from rows, [`temporal`] draws from them and from cumulative tables. [`copy_bench`] is what kernels are measured against.
+//! Start at [`adapter`], then [`GpuBackend`]; `matrix` holds the passes, `recorder` how one is run. [`rows`] advances light
+//! over sparse rows, by any method but the matrix; [`alias`] builds tables by themselves, to measure. [`copy_bench`] is what kernels are measured against.
 
 pub mod adapter;
 pub mod alias;
@@ -34,10 +34,11 @@ mod pipeline;
 mod plane;
 mod readback;
 mod recorder;
-pub mod temporal;
+pub mod rows;
 mod timing;
 
 pub use adapter::{AdapterChoice, AdapterReport, GpuError};
 pub use backend::GpuBackend;
 pub use device::GpuDevice;
+pub use rows::GpuRowLight;
 pub use timing::PassTime;

@@ -15,6 +15,10 @@ struct Pass {
     seed: u32,              // 48  of every draw
     frame: u32,             // 52  of draws: which frame it is
     samples_per_row: u32,   // 56  draws a row and frame
-}                           // 60
+    budget_links: u32,      // 60  links that a round of shots may take
+    taken_count: u32,       // 64  slots with a patch
+    is_shot: u32,           // 68  1 where light is shot
+    is_leaving: u32,        // 72  1 where patches leave
+}                           // 76
 
 @group(0) @binding(0) var<uniform> pass_of: Pass;

@@ -22,7 +22,7 @@ fn write_masses(span: TableSpan, total: f32, lane: u32) {
         if total >= TOTAL_MIN {
             mass = u32(round(max(weights[span.first_weight + item], 0.0) * scale));
         }
-        masses[span.first_bin + item] = mass;
+        masses[span.first_weight + item] = mass;
         if mass > best.x || (mass == best.x && item < best.y) {
             best = vec4<u32>(mass, item, best.z, 0u);
         }
@@ -31,7 +31,7 @@ fn write_masses(span: TableSpan, total: f32, lane: u32) {
     let heaviest = heaviest_of(best, lane);
     storageBarrier();
     if lane == 0u && total >= TOTAL_MIN {
-        masses[span.first_bin + heaviest.y] += all - heaviest.z;
+        masses[span.first_weight + heaviest.y] += all - heaviest.z;
     }
     storageBarrier();
 }
@@ -44,20 +44,20 @@ fn write_partition(span: TableSpan, lane: u32) -> u32 {
     // Lights, heavy ones, deficits, surpluses.
     var own = vec4<u32>(0u);
     for (var item = first; item < end; item++) {
-        let mass = masses[span.first_bin + item];
+        let mass = masses[span.first_weight + item];
         own += select(vec4<u32>(0u, 1u, 0u, mass - UNITS), vec4<u32>(1u, 0u, UNITS - mass, 0u), mass < UNITS);
     }
     var at = sums_before(own, lane);
     let light_count = lane_counts[LANES - 1u].x;
     for (var item = first; item < end; item++) {
-        let mass = masses[span.first_bin + item];
+        let mass = masses[span.first_weight + item];
         if mass < UNITS {
             at.z += UNITS - mass;
-            parts[span.first_bin + at.x] = vec2<u32>(item, at.z);
+            parts[span.first_weight + at.x] = vec2<u32>(item, at.z);
             at.x += 1u;
         } else {
             at.w += mass - UNITS;
-            parts[span.first_bin + light_count + at.y] = vec2<u32>(item, at.w);
+            parts[span.first_weight + light_count + at.y] = vec2<u32>(item, at.w);
             at.y += 1u;
         }
     }
@@ -77,7 +77,7 @@ fn deficit_before(span: TableSpan, i: u32) -> u32 {
     if i == 0u {
         return 0u;
     }
-    return parts[span.first_bin + i - 1u].y;
+    return parts[span.first_weight + i - 1u].y;
 }
 
 // How many of the first `placed` bins are light: bisection along the diagonal.
@@ -87,7 +87,7 @@ fn split(span: TableSpan, light_count: u32, placed: u32) -> u32 {
     var high = min(placed, light_count);
     while low < high {
         let i = (low + high) / 2u;
-        if deficit_before(span, i) < parts[span.first_bin + light_count + placed - 1u - i].y {
+        if deficit_before(span, i) < parts[span.first_weight + light_count + placed - 1u - i].y {
             low = i + 1u;
         } else {
             high = i;
@@ -120,17 +120,17 @@ fn build_alias(
     for (var step = first; step < end; step++) {
         var surplus = vec2<u32>(0u);
         if j < heavy_count {
-            surplus = parts[span.first_bin + light_count + j];
+            surplus = parts[span.first_weight + light_count + j];
         }
         let deficit = deficit_before(span, i);
         if i < light_count && j < heavy_count && deficit < surplus.y {
-            let place = parts[span.first_bin + i].x;
-            bins[span.first_bin + place] = bin_of(place, masses[span.first_bin + place], surplus.x);
+            let place = parts[span.first_weight + i].x;
+            bins[span.first_bin + place] = bin_of(place, masses[span.first_weight + place], surplus.x);
             i += 1u;
         } else {
             var next = surplus.x;
             if j + 1u < heavy_count {
-                next = parts[span.first_bin + light_count + j + 1u].x;
+                next = parts[span.first_weight + light_count + j + 1u].x;
             }
             bins[span.first_bin + surplus.x] = bin_of(surplus.x, UNITS + surplus.y - deficit, next);
             j += 1u;

@@ -1,8 +1,8 @@
-// What a draw of what is far, and one of the sky, bring to each row: light over share. One thread a row.
-// CPU twin: `radiosity::solver::SolverBackend`'s `prepare_outside`.
+// What a draw of what is far, and one of the sky, bring to each row: light over share. One thread a slot.
+// CPU twin: `radiosity::solver::CpuRowLight`'s `prepare_outside`.
 
-@group(0) @binding(1) var<storage, read> spans: array<RowSpan>;
-@group(0) @binding(2) var<storage, read> weights: array<f32>;
+@group(0) @binding(1) var<storage, read> outside_shares: array<f32>;
+@group(0) @binding(2) var<storage, read> sky_shares: array<f32>;
 @group(0) @binding(3) var<storage, read> outside: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read> sky: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read_write> outside_draws: array<vec4<f32>>;
@@ -23,14 +23,10 @@ fn share_outside(
     if slot >= pass_of.entry_count {
         return;
     }
-    let span = spans[slot];
-    if span.item_count < 2u {
-        return;
-    }
-    let far_share = weights[span.first_item + span.item_count - 2u];
-    let sky_share = weights[span.first_item + span.item_count - 1u];
+    let all = outside_shares[slot];
+    let sky_share = clamp(sky_shares[slot], 0.0, max(all, 0.0));
     // A sky without a share is far: nobody draws it.
     let from_sky = select(vec4<f32>(0.0), sky[slot], sky_share > 0.0);
-    outside_draws[2u * slot] = over(max(outside[slot] - from_sky, vec4<f32>(0.0)), far_share);
+    outside_draws[2u * slot] = over(max(outside[slot] - from_sky, vec4<f32>(0.0)), all - sky_share);
     outside_draws[2u * slot + 1u] = over(from_sky, sky_share);
 }

@@ -3,8 +3,9 @@
 use crate::output::out;
 use clap::Args;
 use earthshine_gpu::adapter::{AdapterReport, list};
-use earthshine_gpu::memory;
+use earthshine_gpu::{AdapterChoice, GpuDevice, memory};
 use serde::Serialize;
+use std::time::Instant;
 
 /// Arguments of `earthshine gpu`.
 #[derive(Args)]
@@ -44,6 +45,8 @@ struct Adapter {
     has_timestamps: bool,
     slots_unsplit_max: u32,
     slots_max: u32,
+    /// Opening it and compiling every kernel; none where that fails.
+    open_ms: Option<f64>,
     unusable: Option<String>,
 }
 
@@ -64,9 +67,18 @@ impl From<AdapterReport> for Adapter {
             has_timestamps: report.has_timestamps,
             slots_unsplit_max: report.slots_unsplit_max,
             slots_max: report.slots_max,
+            open_ms: report.unusable.is_none().then(|| opened(&report.name)).flatten(),
             unusable: report.unusable,
         }
     }
+}
+
+/// How long it takes to open the adapter of that name, ms.
+fn opened(name: &str) -> Option<f64> {
+    let start = Instant::now();
+    let choice = AdapterChoice { name: name.to_owned(), allow_software: true };
+    let is_open = GpuDevice::open(&choice).is_ok();
+    is_open.then(|| start.elapsed().as_secs_f64() * 1e3)
 }
 
 #[derive(Serialize)]
@@ -115,6 +127,9 @@ fn print_adapter(adapter: &Adapter) {
     out!("{:>24}  {}", "timestamps", yes(adapter.has_timestamps));
     let split = adapter.slots_unsplit_max;
     out!("{:>24}  {} (planes split above {split})", "resident patches, most", adapter.slots_max);
+    if let Some(ms) = adapter.open_ms {
+        out!("{:>24}  {ms:.0} ms", "opened, kernels ready");
+    }
     if let Some(cause) = &adapter.unusable {
         out!("{:>24}  {cause}", "cannot be used");
     }

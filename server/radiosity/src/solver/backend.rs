@@ -8,7 +8,7 @@ mod matrix;
 use super::links::LinkRows;
 use super::residents::Residents;
 use super::row_light::{Frame, RowLight, RowLightFactory};
-use super::{CpuRowLight, DrawnRows, Light, Method, SolverSettings};
+use super::{CpuRowLight, Light, Method, SolverSettings};
 use crate::backend::{ApplyStats, Backend, BackendError, MIN_PIVOT, Repaired, Slot, StepStats, Update};
 use crate::slot_check;
 use crate::update_check::UpdateCheck;
@@ -22,9 +22,17 @@ pub const MATRIX_ADDS_A_STEP: usize = 64;
 
 /// Light that is advanced over rows.
 struct OnRows {
-    method: Method,
-    rows: DrawnRows,
+    /// As they were when it was made; budgets may have changed since.
+    made_for: SolverSettings,
     light: Box<dyn RowLight>,
+}
+
+impl OnRows {
+    /// Budgets of `settings`, for what is in use.
+    fn current(&self, settings: &SolverSettings) -> SolverSettings {
+        let SolverSettings { method, rows, adaptive, .. } = self.made_for;
+        SolverSettings { method, rows, adaptive, ..*settings }
+    }
 }
 
 /// A backend that solves over sparse rows, or by a matrix of another backend, as its settings say.
@@ -105,7 +113,7 @@ impl SolverBackend {
     /// The method in use; while a matrix is being made, the one before.
     #[must_use]
     pub fn method(&self) -> Method {
-        self.on_rows.as_ref().map_or(Method::Matrix, |on_rows| on_rows.method)
+        self.on_rows.as_ref().map_or(Method::Matrix, |on_rows| on_rows.made_for.method)
     }
 
     /// The rows.
@@ -135,8 +143,9 @@ impl SolverBackend {
     /// Whether light is advanced as `settings` say already.
     fn is_entered(&self, settings: &SolverSettings) -> bool {
         match &self.on_rows {
-            Some(OnRows { method, rows, .. }) => {
-                *method == settings.method && (!method.is_endless() || *rows == settings.rows)
+            Some(OnRows { made_for, .. }) => {
+                let draws_alike = (made_for.rows, made_for.adaptive) == (settings.rows, settings.adaptive);
+                made_for.method == settings.method && (!settings.method.is_endless() || draws_alike)
             }
             None => settings.method == Method::Matrix,
         }
@@ -154,7 +163,7 @@ impl SolverBackend {
             light[slot.0 as usize] = super::light(irradiance);
         }
         let light = (self.make_light)(&mut self.residents, settings, &light)?;
-        self.on_rows = Some(OnRows { method: settings.method, rows: settings.rows, light });
+        self.on_rows = Some(OnRows { made_for: *settings, light });
         Ok(())
     }
 
@@ -180,9 +189,7 @@ impl SolverBackend {
 
     /// Whether the matrix has to have every update at once: light comes from it, whole or drawn.
     fn lives_on_matrix(&self) -> bool {
-        self.on_rows
-            .as_ref()
-            .is_none_or(|on_rows| on_rows.method.is_endless() && on_rows.rows == DrawnRows::Multibounce)
+        self.on_rows.as_ref().is_none_or(|on_rows| on_rows.made_for.is_coloured())
     }
 
     fn apply_to_rows(&mut self, updates: &[Update]) -> Result<(), BackendError> {
@@ -259,7 +266,7 @@ impl Backend for SolverBackend {
         self.residents.clear();
         self.changed = true;
         let Some(on_rows) = &mut self.on_rows else { return Ok(()) };
-        let settings = SolverSettings { method: on_rows.method, rows: on_rows.rows, ..self.settings };
+        let settings = on_rows.current(&self.settings);
         let dark = vec![[0.0; 4]; self.residents.links.capacity()];
         on_rows.light = (self.make_light)(&mut self.residents, &settings, &dark)?;
         Ok(())
@@ -357,7 +364,7 @@ impl Backend for SolverBackend {
             self.frame = number.wrapping_add(1);
             let matrix = self.matrix.as_deref_mut().map(|matrix| matrix as &mut dyn Backend);
             // Until a matrix is whole, the method before goes on.
-            let settings = SolverSettings { method: on_rows.method, rows: on_rows.rows, ..self.settings };
+            let settings = on_rows.current(&self.settings);
             let frame = Frame { settings: &settings, number, order: &self.order, matrix };
             on_rows.light.advance(&mut self.residents, frame)?;
         }

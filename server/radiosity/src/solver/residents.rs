@@ -33,7 +33,7 @@ impl Residents {
     }
 
     /// The patch in `slot` leaves.
-    pub(crate) fn remove(&mut self, slot: usize) {
+    pub fn remove(&mut self, slot: usize) {
         self.links.remove(slot);
         for light in [&mut self.direct, &mut self.outside, &mut self.sky] {
             light[slot] = [0.0; 4];

@@ -3,9 +3,9 @@
 //! Rows are seeded and as long as asked for; what they are is of no matter to the time, but for how far apart they look.
 
 use clap::Args;
-use earthshine_gpu::temporal::{GpuTemporal, TemporalRow};
-use earthshine_gpu::{GpuDevice, PassTime};
-use earthshine_radiosity::solver::{Method, SolverSettings};
+use earthshine_gpu::{GpuDevice, GpuRowLight, PassTime};
+use earthshine_radiosity::solver::row_light::{Frame, RowLight as _};
+use earthshine_radiosity::solver::{Light, Method, Residents, SolverSettings};
 use earthshine_world::Rgb;
 use earthshine_world::random::{Purpose, hash, unit_f32};
 use std::time::Instant;
@@ -43,27 +43,34 @@ pub(super) fn measure(
     rounds: u32,
     seed: u64,
 ) -> anyhow::Result<StepFigures> {
-    let rows = rows(arguments, seed);
+    let mut residents = residents(arguments, seed);
     let mut passes = Vec::new();
     let [cdf, alias] = [Method::Cdf, Method::Alias]
-        .map(|method| drawn(device, arguments, method, &rows, rounds, &mut passes));
+        .map(|method| drawn(device, arguments, method, &mut residents, rounds, &mut passes));
     let ((step_ms, cdf_build_ms), (alias_step_ms, _)) = (cdf?, alias?);
     Ok(StepFigures { step_ms, alias_step_ms, cdf_build_ms, passes })
 }
 
-fn rows(arguments: &StepArguments, seed: u64) -> Vec<TemporalRow> {
+/// Patches of one size, each linked to as many seeded others before it as make up half of its row.
+fn residents(arguments: &StepArguments, seed: u64) -> Residents {
     let number = |row: u32, link: u32, what: u64| {
         hash(seed, Purpose::Simulation, u64::from(row) << 32 | u64::from(link), what)
     };
-    let of_row = |row: u32| {
+    let slots = arguments.patches as usize;
+    let mut residents = Residents::new(slots);
+    for row in 0..arguments.patches {
         let of_link = |link: u32| {
-            let column = (number(row, link, 1) % u64::from(arguments.patches)) as u32;
+            let column = (number(row, link, 1) % u64::from(row.max(1))) as usize;
             (column, 0.9 * unit_f32(number(row, link, 2)) / arguments.links as f32)
         };
-        let links = Some((0..arguments.links).map(of_link).collect());
-        TemporalRow { links, sky_share: 0.1, reflectance: Rgb::splat(0.5) }
-    };
-    (0..arguments.patches).map(of_row).collect()
+        let links = (0..arguments.links.div_ceil(2)).filter(|_| row > 0).map(of_link);
+        residents.links.add(row as usize, 1.0, Rgb::splat(0.5), links);
+    }
+    for light in [&mut residents.direct, &mut residents.outside, &mut residents.sky] {
+        light.fill([1.0, 1.0, 1.0, 0.0]);
+    }
+    residents.sky_shares.fill(0.1);
+    residents
 }
 
 /// A frame and a build of one kind of table, ms.
@@ -71,37 +78,48 @@ fn drawn(
     device: &GpuDevice,
     arguments: &StepArguments,
     method: Method,
-    rows: &[TemporalRow],
+    residents: &mut Residents,
     rounds: u32,
     passes: &mut Vec<PassTime>,
 ) -> anyhow::Result<(f64, f64)> {
-    let mut temporal = GpuTemporal::new(device, method, rows)?;
-    let is_timed = temporal.time_passes()?;
-    temporal.rebuild()?;
-    let light = vec![Rgb::ONE; rows.len()];
-    temporal.set_light(&light, &light, &light)?;
-    let settings = SolverSettings { method, samples_per_row: arguments.k, ..SolverSettings::default() };
-    let mut quickest = |run: &mut dyn FnMut(&mut GpuTemporal) -> anyhow::Result<()>| {
-        let mut best = f64::INFINITY;
+    let slots = arguments.patches as usize;
+    let settings = SolverSettings {
+        method,
+        samples_per_row: arguments.k,
+        rebuild_items_per_step: u32::MAX,
+        ..SolverSettings::default()
+    };
+    let dark: Vec<Light> = vec![[0.0; 4]; slots];
+    let mut light = GpuRowLight::new(device, residents, &settings, &dark)?;
+    let is_timed = light.time_passes()?;
+    let mut number = 0;
+    // The quickest round: passes that build tables, and the others; without timestamps the clock, for both.
+    let mut quickest = |light: &mut GpuRowLight, outdates: bool| {
+        let (mut best_build, mut best_step) = (f64::INFINITY, f64::INFINITY);
         for _ in 0..rounds.max(1) {
-            temporal.finish()?;
-            passes.extend(temporal.take_times()?);
+            if outdates {
+                (0..slots).for_each(|slot| light.outdate(slot));
+            }
+            light.finish()?;
+            passes.extend(light.take_times()?);
             let start = Instant::now();
-            run(&mut temporal)?;
-            temporal.finish()?;
+            let frame = Frame { settings: &settings, number, order: &[], matrix: None };
+            light.advance(residents, frame)?;
+            light.finish()?;
             let wall_ms = start.elapsed().as_secs_f64() * 1e3;
-            let times = temporal.take_times()?;
-            let ms = if is_timed { times.iter().map(|pass| pass.ms).sum() } else { wall_ms };
-            best = best.min(ms);
+            number += 1;
+            let times = light.take_times()?;
+            let builds = |name: &str| name == "fill_tables" || name.starts_with("build_");
+            let sum = |is_build: bool| -> f64 {
+                times.iter().filter(|pass| builds(pass.name) == is_build).map(|pass| pass.ms).sum()
+            };
+            best_build = best_build.min(if is_timed { sum(true) } else { wall_ms });
+            best_step = best_step.min(if is_timed { sum(false) } else { wall_ms });
             passes.extend(times);
         }
-        anyhow::Ok(best)
+        anyhow::Ok((best_build, best_step))
     };
-    let mut frame = 0;
-    let step_ms = quickest(&mut |temporal| {
-        frame += 1;
-        Ok(temporal.step(&settings, frame)?)
-    })?;
-    let build_ms = quickest(&mut |temporal| Ok(temporal.rebuild()?))?;
+    let (build_ms, _) = quickest(&mut light, true)?;
+    let (_, step_ms) = quickest(&mut light, false)?;
     Ok((step_ms, build_ms))
 }

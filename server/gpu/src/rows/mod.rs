@@ -1,0 +1,488 @@
+//! Light over sparse rows on a device: [`GpuRowLight`], the counterpart of `radiosity::solver::CpuRowLight`.
+//!
+//! The host keeps who is there; a device keeps a copy of the rows and is told what changes in them. Rows have the CPU's
+//! order, so tables and draws have its bits; sums over rows are made in another order, and differ by rounding.
+//!
+//! ```text
+//! come, leave ──collected──▶ edit_rows ▶ forget_leaving, clear_slots │ gather_rows ▶ take_gathered (light of who comes)
+//! advance     take_sources ▶ fill_tables ▶ build_alias or build_cdf (budgeted) ▶ the method:
+//!   gather       send_light ▶ gather_rows ▶ measure_light ▶ take_gathered ▶ sum_light
+//!   alias, cdf   send_light ▶ share_outside ▶ draw_alias or draw_cdf
+//!   progressive  (fold_flux ▶ choose_class ▶ count_last ▶ scan_groups ▶ take_shooters ▶ shoot_links) x 4
+//!                ▶ fold_flux ▶ some rows gathered afresh ▶ measure_light ▶ sum_light
+//!   hybrid       as progressive ▶ send_rest ▶ draw_cdf
+//! publish_light ──16 bytes a slot──▶ host, mapped when it is asked for
+//! ```
+//!
+//! Same calls, same bits on the same device: floats are summed in one order; flux that is shot is added up in whole units
+//! by integer atomics, and the list of shooters, which is in no order, is only summed over.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `pool.rs` | where rows and tables lie in buffers that they share |
+//! | `buffers.rs` | what lies on the device |
+//! | `edits.rs` | who comes and goes |
+//! | `tables.rs` | tables, a budget of them a frame |
+//! | `shots.rs` | progressive shooting |
+
+mod buffers;
+mod edits;
+mod pool;
+mod shots;
+mod tables;
+#[cfg(test)]
+mod tests;
+
+use crate::device::GpuDevice;
+use crate::readback::Readback;
+use crate::recorder::{Recorder, folded};
+use crate::timing::{PassTime, Timing};
+use buffers::Buffers;
+use earthshine_radiosity::solver::cpu_light::GATHER_SETTLED;
+use earthshine_radiosity::solver::row_light::{Frame, RowLightFactory};
+use earthshine_radiosity::solver::shooting::SETTLE_FRAMES;
+use earthshine_radiosity::solver::{
+    CpuRowLight, Light, Method, Residents, RowLight, SolverSettings, remainder,
+};
+use earthshine_radiosity::{BackendError, Slot};
+use earthshine_shaders::host::{Pass, Resident};
+use earthshine_shaders::kernel::{
+    DRAW_ALIAS, DRAW_CDF, GATHER_ROWS, MEASURE_LIGHT, PUBLISH_LIGHT, SEND_LIGHT, SEND_REST, SHARE_OUTSIDE,
+    SUM_LIGHT, TAKE_GATHERED, TAKE_SOURCES,
+};
+use earthshine_shaders::limits::{LANES, SHOT_CHANGE, SHOT_SHOOTERS, SHOT_WORDS};
+use earthshine_world::Rgb;
+use edits::Edits;
+use std::ops::Range;
+use tables::Tables;
+use wgpu::Buffer;
+
+/// Rows that a workgroup of `gather_rows` sums.
+const ROWS_A_GROUP: u32 = 4;
+
+/// Light on residents, advanced on a device by one method.
+#[derive(Debug)]
+pub struct GpuRowLight {
+    device: GpuDevice,
+    method: Method,
+    buffers: Buffers,
+    edits: Edits,
+    /// None where nothing is drawn.
+    tables: Option<Tables>,
+    residents: Vec<Resident>,
+    /// Slots whose patch, sources or sky the device has not been told.
+    new_residents: Dirty,
+    new_sources: Dirty,
+    new_sky: Dirty,
+    /// Where the rows that are gathered afresh go on.
+    refresh_cursor: usize,
+    quiet_frames: u32,
+    readback: Readback,
+    /// What was read last, and what the words of shots said; none if a frame has been since.
+    published: Vec<Light>,
+    words: Option<[u32; SHOT_WORDS as usize]>,
+    timing: Option<Timing>,
+}
+
+/// A range of slots that may have changed.
+#[derive(Debug, Clone, Default)]
+struct Dirty(Option<Range<usize>>);
+
+impl Dirty {
+    fn mark(&mut self, slot: usize) {
+        let range = self.0.clone().unwrap_or(slot..slot + 1);
+        self.0 = Some(range.start.min(slot)..range.end.max(slot + 1));
+    }
+
+    fn take(&mut self) -> Range<usize> {
+        self.0.take().unwrap_or(0..0)
+    }
+}
+
+impl GpuRowLight {
+    /// Begins a method from `light`.
+    ///
+    /// # Errors
+    /// [`BackendError::OutOfMemory`], [`BackendError::DeviceLost`].
+    ///
+    /// # Panics
+    /// For [`Method::Matrix`], which works on no rows, and for what [`Self::is_possible`] denies.
+    pub fn new(
+        device: &GpuDevice,
+        residents: &Residents,
+        settings: &SolverSettings,
+        light: &[Light],
+    ) -> Result<Self, BackendError> {
+        assert!(settings.method != Method::Matrix && Self::is_possible(settings), "{settings:?}");
+        let links = &residents.links;
+        let slots = links.capacity();
+        let (edits, uploaded) = Edits::new(links);
+        let buffers = Buffers::new(device, slots, uploaded.len(), settings.method)?;
+        buffers.links.write(device, &uploaded);
+        let resident = |slot: usize| Resident {
+            reflectance: links.reflectance(slot).to_array(),
+            area: links.area(slot),
+        };
+        let published = buffers.published.size() + buffers.shot_words.size();
+        let mut new = Self {
+            method: settings.method,
+            edits,
+            tables: settings.method.draws().then(|| Tables::new(links)),
+            residents: (0..slots).map(resident).collect(),
+            new_residents: Dirty(Some(0..slots)),
+            new_sources: Dirty(Some(0..slots)),
+            new_sky: Dirty(Some(0..slots)),
+            refresh_cursor: 0,
+            quiet_frames: 0,
+            readback: Readback::new(device, published)?,
+            published: light.to_vec(),
+            words: None,
+            timing: None,
+            buffers,
+            device: device.clone(),
+        };
+        new.begin(residents, light)?;
+        Ok(new)
+    }
+
+    /// Whether a device can do what `settings` ask for: neither draws from rows of the matrix nor adaptive ones.
+    #[must_use]
+    pub fn is_possible(settings: &SolverSettings) -> bool {
+        !settings.is_coloured() && !(settings.method.is_endless() && settings.adaptive)
+    }
+
+    /// Makes such light, or the CPU's where it is not possible.
+    #[must_use]
+    pub fn factory(device: &GpuDevice) -> RowLightFactory {
+        let device = device.clone();
+        Box::new(move |residents, settings, light| {
+            if Self::is_possible(settings) {
+                Ok(Box::new(Self::new(&device, residents, settings, light)?))
+            } else {
+                Ok(Box::new(CpuRowLight::new(residents, settings, light)))
+            }
+        })
+    }
+
+    /// Times every pass from now on; false where the device cannot.
+    ///
+    /// # Errors
+    /// [`BackendError::OutOfMemory`], [`BackendError::DeviceLost`].
+    pub fn time_passes(&mut self) -> Result<bool, BackendError> {
+        self.timing = Timing::new(&self.device)?;
+        Ok(self.timing.is_some())
+    }
+
+    /// The passes since the last call. Waits for the device.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`].
+    pub fn take_times(&mut self) -> Result<Vec<PassTime>, BackendError> {
+        self.timing.as_mut().map_or(Ok(Vec::new()), |timing| timing.take(&self.device))
+    }
+
+    /// Waits until the device has done all it was told.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`].
+    pub fn finish(&self) -> Result<(), BackendError> {
+        self.device.wait(self.device.queue().submit([]))
+    }
+
+    fn slots(&self) -> u32 {
+        self.residents.len() as u32
+    }
+
+    fn is_shot(&self) -> bool {
+        matches!(self.method, Method::Progressive | Method::Hybrid)
+    }
+
+    fn pass(&self) -> Pass {
+        Pass { entry_count: self.slots(), is_shot: u32::from(self.is_shot()), ..Pass::default() }
+    }
+
+    fn recorder(&mut self) -> (Recorder<'_>, &Buffers) {
+        (Recorder::new(&self.device, &self.buffers.uniforms, self.timing.as_mut()), &self.buffers)
+    }
+
+    /// Sums of all rows, the light to go on from and, where light is shot, a bounce after which what has been sent is known.
+    fn begin(&mut self, residents: &Residents, light: &[Light]) -> Result<(), BackendError> {
+        upload(&self.device, &self.buffers.irradiance, light, 0..light.len());
+        self.upload_residents();
+        self.sum_all_rows()?;
+        let pass = self.pass();
+        // Nothing is unshot of the sources there are: the bounce says what is.
+        self.take_sources(residents, Pass { is_shot: 0, ..pass })?;
+        if self.is_shot() {
+            let (mut recorder, buffers) = self.recorder();
+            recorder.send_light(buffers, pass);
+            recorder.gather_rows(buffers, &buffers.all_slots, &buffers.outside, pass);
+            recorder.take_gathered(buffers, &buffers.all_slots, 0.0, pass);
+            recorder.submit()?;
+        }
+        Ok(())
+    }
+
+    fn upload_residents(&mut self) {
+        let range = self.new_residents.take();
+        upload(&self.device, &self.buffers.residents, &self.residents, range);
+    }
+
+    /// Tells the device of sources and the sky that have changed.
+    fn take_sources(&mut self, residents: &Residents, pass: Pass) -> Result<(), BackendError> {
+        let sky = self.new_sky.take();
+        upload(&self.device, &self.buffers.sky, &residents.sky, sky.clone());
+        upload(&self.device, &self.buffers.sky_shares, &residents.sky_shares, sky);
+        let range = self.new_sources.take();
+        if range.is_empty() {
+            return Ok(());
+        }
+        upload(&self.device, &self.buffers.new_own, &residents.direct, range.clone());
+        upload(&self.device, &self.buffers.new_outside, &residents.outside, range);
+        let (mut recorder, buffers) = self.recorder();
+        let bound = [
+            &buffers.residents,
+            &buffers.new_own,
+            &buffers.new_outside,
+            &buffers.own,
+            &buffers.outside,
+            &buffers.irradiance,
+            &buffers.unshot,
+        ];
+        recorder.dispatch(&TAKE_SOURCES, &bound, pass, groups(pass));
+        recorder.submit().map(|_| ())
+    }
+
+    fn wake(&mut self) {
+        self.quiet_frames = 0;
+    }
+
+    fn advance_gathered(&mut self) -> Result<(), BackendError> {
+        let pass = self.pass();
+        let (mut recorder, buffers) = self.recorder();
+        recorder.send_light(buffers, pass);
+        recorder.gather_rows(buffers, &buffers.all_slots, &buffers.outside, pass);
+        recorder.measure_light(buffers, pass);
+        recorder.take_gathered(buffers, &buffers.all_slots, 0.0, pass);
+        recorder.submit().map(|_| ())
+    }
+
+    fn advance_drawn(&mut self, settings: &SolverSettings, number: u32) -> Result<(), BackendError> {
+        let pass = Pass {
+            seed: settings.seed,
+            frame: number,
+            samples_per_row: settings.samples_per_row,
+            first_weight: settings.history_weight,
+            ..self.pass()
+        };
+        let method = self.method;
+        let (mut recorder, buffers) = self.recorder();
+        recorder.send_light(buffers, pass);
+        let bound = [
+            &buffers.outside_shares,
+            &buffers.sky_shares,
+            &buffers.outside,
+            &buffers.sky,
+            &buffers.outside_draws,
+        ];
+        recorder.dispatch(&SHARE_OUTSIDE, &bound, pass, groups(pass));
+        recorder.draw(buffers, method, [&buffers.outside_draws, &buffers.irradiance], pass);
+        recorder.submit().map(|_| ())
+    }
+
+    /// Draws what is not shot yet.
+    fn advance_rest(&mut self, settings: &SolverSettings, number: u32) -> Result<(), BackendError> {
+        let pass = Pass {
+            seed: settings.seed,
+            frame: number,
+            samples_per_row: (settings.samples_per_row / remainder::SAMPLES_PART).max(1),
+            first_weight: remainder::HISTORY_WEIGHT,
+            ..self.pass()
+        };
+        let (mut recorder, buffers) = self.recorder();
+        let bound = [&buffers.residents, &buffers.unshot, &buffers.rest, &buffers.sent];
+        recorder.dispatch(&SEND_REST, &bound, pass, groups(pass));
+        // Nothing of the rest comes from outside: a change there is in the light at once.
+        recorder.draw(buffers, Method::Cdf, [&buffers.dark, &buffers.rest], pass);
+        recorder.submit().map(|_| ())
+    }
+
+    /// Puts light together and sends it to the host.
+    fn publish(&mut self) -> Result<(), BackendError> {
+        let pass = self.pass();
+        let mut recorder = Recorder::new(&self.device, &self.buffers.uniforms, self.timing.as_mut());
+        let buffers = &self.buffers;
+        let bound = [&buffers.irradiance, &buffers.shot_words, &buffers.rest, &buffers.published];
+        recorder.dispatch(&PUBLISH_LIGHT, &bound, pass, groups(pass));
+        self.readback.record(recorder.encoder(), &[&buffers.published, &buffers.shot_words]);
+        let submission = recorder.submit()?;
+        self.readback.submitted(submission);
+        self.words = None;
+        Ok(())
+    }
+
+    /// The newest light, and what the words of shots say.
+    fn fetch(&mut self) -> Result<(), BackendError> {
+        let (published, words) = (&mut self.published, &mut self.words);
+        let light_bytes = size_of_val(published.as_slice());
+        let words_at = self.buffers.published.size() as usize;
+        self.readback.fetch(&self.device, |bytes| {
+            published.copy_from_slice(&bytemuck::pod_collect_to_vec::<u8, Light>(&bytes[..light_bytes]));
+            let found: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes[words_at..][..4 * SHOT_WORDS as usize]);
+            *words = Some(std::array::from_fn(|at| found[at]));
+        })
+    }
+}
+
+impl RowLight for GpuRowLight {
+    fn come(&mut self, residents: &Residents, slot: usize) -> Result<(), BackendError> {
+        self.flush_leaving()?;
+        self.edits.come(&residents.links, slot);
+        let reflectance = residents.links.reflectance(slot).to_array();
+        self.residents[slot] = Resident { reflectance, area: residents.links.area(slot) };
+        self.new_residents.mark(slot);
+        if let Some(tables) = &mut self.tables {
+            tables.come(&residents.links, slot);
+        }
+        self.wake();
+        Ok(())
+    }
+
+    fn leave(&mut self, residents: &Residents, slot: usize) -> Result<(), BackendError> {
+        self.flush_coming()?;
+        self.edits.leave(&residents.links, slot);
+        if let Some(tables) = &mut self.tables {
+            tables.leave(&residents.links, slot);
+        }
+        // Sources of a free slot are none by the time that the device is told.
+        self.new_sources.mark(slot);
+        self.new_sky.mark(slot);
+        self.wake();
+        Ok(())
+    }
+
+    fn change(&mut self, _: &Residents, slot: usize, _: &Light, _: &Light) {
+        self.new_sources.mark(slot);
+        self.wake();
+    }
+
+    fn outdate(&mut self, slot: usize) {
+        if let Some(tables) = &mut self.tables {
+            tables.outdate(slot);
+        }
+        self.new_sky.mark(slot);
+    }
+
+    fn advance(&mut self, residents: &mut Residents, frame: Frame<'_>) -> Result<(), BackendError> {
+        self.device.check()?;
+        self.flush_leaving()?;
+        self.flush_coming()?;
+        // The sky's light changes without a word; it is told with the sources.
+        if self.method.is_endless() {
+            self.new_sky = Dirty(Some(0..self.residents.len()));
+        }
+        self.take_sources(residents, self.pass())?;
+        self.rebuild_tables(residents, frame.order, frame.settings.rebuild_items_per_step)?;
+        match self.method {
+            Method::Matrix | Method::Gather => self.advance_gathered()?,
+            Method::Alias | Method::Cdf => self.advance_drawn(frame.settings, frame.number)?,
+            Method::Progressive => self.shoot(&residents.links, frame.settings)?,
+            Method::Hybrid => {
+                self.shoot(&residents.links, frame.settings)?;
+                self.advance_rest(frame.settings, frame.number)?;
+            }
+        }
+        self.quiet_frames = self.quiet_frames.saturating_add(1);
+        self.publish()
+    }
+
+    /// Known once the light of the last frame has been read.
+    fn is_settled(&self) -> bool {
+        let says = |what: &dyn Fn(&[u32; SHOT_WORDS as usize]) -> bool| self.words.as_ref().is_some_and(what);
+        match self.method {
+            Method::Alias | Method::Cdf => false,
+            Method::Progressive | Method::Hybrid => {
+                self.quiet_frames >= SETTLE_FRAMES
+                    || self.quiet_frames > 0 && says(&|words| words[SHOT_SHOOTERS as usize] == 0)
+            }
+            Method::Matrix | Method::Gather => {
+                let change = |words: &[u32; SHOT_WORDS as usize]| f32::from_bits(words[SHOT_CHANGE as usize]);
+                self.quiet_frames > 0 && says(&|words| f64::from(change(words)) < GATHER_SETTLED)
+            }
+        }
+    }
+
+    fn read(&mut self, residents: &Residents, slots: &[Slot], out: &mut [Rgb]) -> Result<(), BackendError> {
+        self.fetch()?;
+        for (slot, out) in slots.iter().zip(out) {
+            let at = slot.0 as usize;
+            let light = self.published[at];
+            if residents.links.is_taken(at) && !light.iter().all(|channel| channel.is_finite()) {
+                return Err(BackendError::NotANumber(*slot));
+            }
+            *out = Rgb::new(light[0], light[1], light[2]);
+        }
+        Ok(())
+    }
+}
+
+/// Workgroups of a thread an entry.
+fn groups(pass: Pass) -> [u32; 3] {
+    folded(pass.entry_count.div_ceil(LANES))
+}
+
+/// Writes `range` of `values` to its place before the next submission runs.
+fn upload<T: bytemuck::NoUninit>(device: &GpuDevice, buffer: &Buffer, values: &[T], range: Range<usize>) {
+    if !range.is_empty() {
+        let at = (range.start * size_of::<T>()) as u64;
+        device.queue().write_buffer(buffer, at, bytemuck::cast_slice(&values[range]));
+    }
+}
+
+impl Recorder<'_> {
+    fn send_light(&mut self, buffers: &Buffers, pass: Pass) {
+        // All slots, whatever the entries of other passes are.
+        let pass = Pass { entry_count: buffers.slots, ..pass };
+        let bound = [&buffers.residents, &buffers.own, &buffers.irradiance, &buffers.unshot, &buffers.sent];
+        self.dispatch(&SEND_LIGHT, &bound, pass, groups(pass));
+    }
+
+    /// For as many of `slots` as the pass has entries.
+    fn gather_rows(&mut self, buffers: &Buffers, slots: &Buffer, outside: &Buffer, pass: Pass) {
+        let bound = [slots, &buffers.rows, &buffers.links.buffer, &buffers.sent, outside, &buffers.gathered];
+        self.dispatch(&GATHER_ROWS, &bound, pass, folded(pass.entry_count.div_ceil(ROWS_A_GROUP)));
+    }
+
+    fn take_gathered(&mut self, buffers: &Buffers, slots: &Buffer, tolerance: f32, pass: Pass) {
+        let pass = Pass { first_weight: tolerance, ..pass };
+        let bound = [slots, &buffers.residents, &buffers.gathered, &buffers.irradiance, &buffers.unshot];
+        self.dispatch(&TAKE_GATHERED, &bound, pass, groups(pass));
+    }
+
+    /// Sums over all slots.
+    fn measure_light(&mut self, buffers: &Buffers, pass: Pass) {
+        let pass = Pass { entry_count: buffers.slots, ..pass };
+        let bound = [
+            &buffers.residents,
+            &buffers.own,
+            &buffers.irradiance,
+            &buffers.unshot,
+            &buffers.gathered,
+            &buffers.light_sums,
+        ];
+        self.dispatch(&MEASURE_LIGHT, &bound, pass, groups(pass));
+        let pass = Pass { entry_count: buffers.slots.div_ceil(LANES), ..pass };
+        self.dispatch(&SUM_LIGHT, &[&buffers.light_sums, &buffers.shot_words], pass, [1, 1, 1]);
+    }
+
+    /// Draws of every row, blended with what `light` was; `outside` is what draws of the outside bring.
+    fn draw(&mut self, buffers: &Buffers, method: Method, [outside, light]: [&Buffer; 2], pass: Pass) {
+        let row = [&buffers.spans, &buffers.outcomes.buffer, &buffers.totals, &buffers.sent, outside, light];
+        if method == Method::Alias {
+            self.dispatch(&DRAW_ALIAS, &[&row[..], &[&buffers.bins.buffer]].concat(), pass, groups(pass));
+        } else {
+            let tables = [&buffers.bins.buffer, &buffers.guide.buffer];
+            self.dispatch(&DRAW_CDF, &[&row[..], &tables].concat(), pass, groups(pass));
+        }
+    }
+}

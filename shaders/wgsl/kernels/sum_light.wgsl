@@ -1,0 +1,54 @@
+// Sums of `measure_light`, by one workgroup: what of all light is unshot and the scale of light, or how much a bounce
+// changed. CPU twins: the end of `radiosity::solver::shooting::Unshot::step`, `radiosity::solver::step_gather::change`.
+
+@group(0) @binding(1) var<storage, read> light_sums: array<vec4<f32>>;
+@group(0) @binding(2) var<storage, read_write> shot_words: array<u32>;
+
+// What the remembered scale of light keeps a frame.
+const SCALE_KEPT: f32 = 0.9;
+
+var<workgroup> firsts: array<vec4<f32>, 256>;
+var<workgroup> seconds: array<vec4<f32>, 256>;
+
+// Squares of a change over squares of light; nothing of nothing is nothing.
+fn part(change: f32, light: f32) -> f32 {
+    if change == 0.0 {
+        return 0.0;
+    }
+    return change / light;
+}
+
+@compute @workgroup_size(256)
+fn sum_light(@builtin(local_invocation_index) lane: u32) {
+    var first = vec4<f32>(0.0);
+    var second = vec4<f32>(0.0);
+    // Here entries are workgroups of the pass before.
+    for (var at = lane; at < pass_of.entry_count; at += LANES) {
+        first += light_sums[2u * at];
+        second += light_sums[2u * at + 1u];
+    }
+    firsts[lane] = first;
+    seconds[lane] = second;
+    for (var half = LANES / 2u; half > 0u; half /= 2u) {
+        workgroupBarrier();
+        if lane < half {
+            firsts[lane] += firsts[lane + half];
+            seconds[lane] += seconds[lane + half];
+        }
+    }
+    if lane > 0u {
+        return;
+    }
+    if pass_of.is_shot != 0u {
+        let power = firsts[0].x;
+        let mean = power / f32(max(pass_of.taken_count, 1u));
+        let kept = SCALE_KEPT * bitcast<f32>(shot_words[SHOT_SCALE]);
+        shot_words[SHOT_SCALE] = bitcast<u32>(max(kept, mean));
+        shot_words[SHOT_UNSHOT_SHARE] = bitcast<u32>(select(0.0, seconds[0].x / power, power > 0.0));
+    } else {
+        let change = firsts[0];
+        let light = seconds[0];
+        let worst = max(max(part(change.x, light.x), part(change.y, light.y)), part(change.z, light.z));
+        shot_words[SHOT_CHANGE] = bitcast<u32>(worst);
+    }
+}
