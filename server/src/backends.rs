@@ -212,7 +212,10 @@ mod tests {
         fits(&config, &device).expect("fewer are said");
         config.gpu_strict = true;
         let Err(error) = fits(&config, &device) else { panic!("strictly, 4096 do not fit") };
-        assert!(matches!(&error, ServerError::GpuSlots { wanted: 4096, most: found, .. } if *found == most), "{error}");
+        assert!(
+            matches!(&error, ServerError::GpuSlots { wanted: 4096, most: found, .. } if *found == most),
+            "{error}"
+        );
         config.engine.resident_patches_max = most;
         fits(&config, &device).expect("as many as there are");
     }

@@ -200,7 +200,8 @@ mod tests {
         let refused = GpuDevice::open(&wanted).map(drop);
         let Some(software) = list().into_iter().find(|adapter| adapter.is_software) else {
             assert!(matches!(refused, Err(GpuError::NoAdapter | GpuError::NotFound { .. })), "{refused:?}");
-            writeln!(std::io::stderr(), "SKIPPED a test of software adapters: there is none").expect("standard error");
+            writeln!(std::io::stderr(), "SKIPPED a test of software adapters: there is none")
+                .expect("standard error");
             return;
         };
         let Err(GpuError::NotFound { found, .. }) = refused else { panic!("{refused:?}") };
@@ -210,7 +211,10 @@ mod tests {
         };
         if list().iter().all(|adapter| adapter.is_software) {
             let refused = open("", false).map(drop);
-            assert!(matches!(&refused, Err(GpuError::Software { name }) if *name == software.name), "{refused:?}");
+            assert!(
+                matches!(&refused, Err(GpuError::Software { name }) if *name == software.name),
+                "{refused:?}"
+            );
             assert!(open("", true).is_ok(), "with leave");
         }
         let named = open(&software.name.to_uppercase(), false).expect("it is named");

@@ -52,6 +52,7 @@ struct Adapter {
 
 impl From<AdapterReport> for Adapter {
     fn from(report: AdapterReport) -> Self {
+        let open_ms = report.unusable.is_none().then(|| opened(&report.name)).flatten();
         Self {
             name: report.name,
             driver: report.driver,
@@ -67,7 +68,7 @@ impl From<AdapterReport> for Adapter {
             has_timestamps: report.has_timestamps,
             slots_unsplit_max: report.slots_unsplit_max,
             slots_max: report.slots_max,
-            open_ms: report.unusable.is_none().then(|| opened(&report.name)).flatten(),
+            open_ms,
             unusable: report.unusable,
         }
     }

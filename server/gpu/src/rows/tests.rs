@@ -40,6 +40,8 @@ fn settings(method: Method) -> SolverSettings {
 struct Twins {
     backends: [SolverBackend; 2],
     streamed: Streamed,
+    /// Of all light so far.
+    brightest: f32,
 }
 
 impl Twins {
@@ -51,7 +53,8 @@ impl Twins {
         };
         let made = [GpuRowLight::factory(device), CpuRowLight::factory()]
             .map(|light| SolverBackend::with_light(size as u32, settings, matrix(), light).expect("sound"));
-        Self { backends: made, streamed: Streamed::new(ClosedBox::new(size + size / 5 + 1, 5), size, 5) }
+        let streamed = Streamed::new(ClosedBox::new(size + size / 5 + 1, 5), size, 5);
+        Self { backends: made, streamed, brightest: 1e-9 }
     }
 
     fn apply(&mut self, updates: &[Update]) {
@@ -70,7 +73,7 @@ impl Twins {
         }
     }
 
-    /// A frame on both; the largest difference of any light as a share of the brightest.
+    /// A frame on both; the largest difference of any light as a share of the brightest so far.
     fn step(&mut self) -> f32 {
         let slots = self.streamed.taken();
         let mut light = [vec![Rgb::ZERO; slots.len()], vec![Rgb::ZERO; slots.len()]];
@@ -78,9 +81,9 @@ impl Twins {
             backend.step().expect("it steps");
             backend.read_irradiance(&slots, light).expect("taken slots");
         }
-        let brightest = light[1].iter().map(|light| light.max_element()).fold(1e-9, f32::max);
+        self.brightest = light[1].iter().map(|light| light.max_element()).fold(self.brightest, f32::max);
         let gaps = light[0].iter().zip(&light[1]).map(|(a, b)| (*a - *b).abs().max_element());
-        gaps.fold(0.0, f32::max) / brightest
+        gaps.fold(0.0, f32::max) / self.brightest
     }
 }
 
@@ -114,10 +117,7 @@ fn a_life_on_a_device_is_the_life_on_the_cpu() {
             for _ in 0..4 {
                 frames += 1;
                 let gap = twins.step();
-                let dark = lamp == 0.0;
-                // What is left of light that goes out is little, and rounding of what it was.
-                let most = if dark { 0.05 } else { tolerance(method) };
-                assert!(gap <= most, "{method}, {size} slots, frame {frames}: {gap}");
+                assert!(gap <= tolerance(method), "{method}, {size} slots, frame {frames}: {gap}");
             }
         }
         let everybody = twins.streamed.leave(size);
