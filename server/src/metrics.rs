@@ -1,10 +1,12 @@
 //! Counters and gauges in the `OpenMetrics` text format.
 //!
-//! Two kinds: what the shell counts itself, and the engine's [`EngineStats`], read from its last snapshot
-//! at every scrape. Names end in a unit; `_total` marks counters. Start at [`Metrics::encode`].
+//! What the shell counts itself, the engine's [`EngineStats`], read from its last snapshot at every scrape, and what a
+//! device's kernels take. Names end in a unit; `_total` marks counters. Start at [`Metrics::encode`].
 
+use crate::backends::CurrentDevice;
 use crate::engine_thread::{EngineReport, SharedReport};
 use earthshine_engine::{Counters, EngineStats, SessionStats};
+use earthshine_gpu::PassTotal;
 use prometheus_client::collector::Collector;
 use prometheus_client::encoding::{DescriptorEncoder, EncodeMetric as _, text};
 use prometheus_client::metrics::MetricType;
@@ -12,6 +14,7 @@ use prometheus_client::metrics::counter::{ConstCounter, Counter};
 use prometheus_client::metrics::gauge::{ConstGauge, Gauge};
 use prometheus_client::metrics::histogram::{Histogram, exponential_buckets};
 use prometheus_client::registry::Registry;
+use std::collections::BTreeMap;
 
 /// Everything that is counted. Cheap to touch from any thread.
 #[derive(Debug)]
@@ -57,11 +60,18 @@ pub(crate) struct Metrics {
     pub(crate) worlds_taken: Counter,
     /// New manifests that were not.
     pub(crate) worlds_refused: Counter,
+    device: CurrentDevice,
 }
 
 impl Metrics {
-    /// All zero.
+    /// All zero; nobody computes on a device.
+    #[cfg(test)]
     pub(crate) fn new() -> Self {
+        Self::of(CurrentDevice::default())
+    }
+
+    /// All zero; what `device` says is asked for when somebody looks.
+    pub(crate) fn of(device: CurrentDevice) -> Self {
         let mut metrics = Self {
             registry: Registry::with_prefix("earthshine"),
             connections: Gauge::default(),
@@ -85,6 +95,7 @@ impl Metrics {
             ticks_late: Counter::default(),
             worlds_taken: Counter::default(),
             worlds_refused: Counter::default(),
+            device,
         };
         metrics.register();
         metrics
@@ -132,8 +143,36 @@ impl Metrics {
         let mut body = String::new();
         text::encode_registry(&mut body, &self.registry)?;
         text::encode_registry(&mut body, &engine)?;
+        let mut device = Registry::with_prefix("earthshine_gpu");
+        device.register_collector(Box::new(PassCollector(
+            self.device.get().map(|device| device.pass_totals()).unwrap_or_default(),
+        )));
+        text::encode_registry(&mut body, &device)?;
         text::encode_eof(&mut body)?;
         Ok(body)
+    }
+}
+
+/// What kernels take on the device, in the frames that are timed.
+#[derive(Debug)]
+struct PassCollector(BTreeMap<&'static str, PassTotal>);
+
+impl Collector for PassCollector {
+    fn encode(&self, mut encoder: DescriptorEncoder<'_>) -> Result<(), std::fmt::Error> {
+        if self.0.is_empty() {
+            return Ok(());
+        }
+        let help = "Time of a kernel in the frames that were timed, one in 64";
+        let mut seconds = encoder.encode_descriptor("pass_seconds", help, None, MetricType::Counter)?;
+        for (name, total) in &self.0 {
+            ConstCounter::new(total.seconds).encode(seconds.encode_family(&[("pass", *name)])?)?;
+        }
+        let help = "Passes of a kernel in the frames that were timed";
+        let mut passes = encoder.encode_descriptor("passes", help, None, MetricType::Counter)?;
+        for (name, total) in &self.0 {
+            ConstCounter::new(total.count).encode(passes.encode_family(&[("pass", *name)])?)?;
+        }
+        Ok(())
     }
 }
 
@@ -270,6 +309,17 @@ mod tests {
 
     #[test]
     fn the_text_holds_both_kinds() {
+        let passes = BTreeMap::from([("send_light", PassTotal { count: 3, seconds: 0.5 })]);
+        let mut registry = Registry::with_prefix("earthshine_gpu");
+        registry.register_collector(Box::new(PassCollector(passes)));
+        let mut text = String::new();
+        text::encode_registry(&mut text, &registry).unwrap();
+        for line in [
+            "earthshine_gpu_pass_seconds_total{pass=\"send_light\"} 0.5",
+            "earthshine_gpu_passes_total{pass=\"send_light\"} 3",
+        ] {
+            assert!(text.lines().any(|found| found == line), "{line} is not in\n{text}");
+        }
         let metrics = Metrics::new();
         metrics.deltas.inc_by(3);
         metrics.tick_seconds.observe(0.002);

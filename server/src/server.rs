@@ -188,7 +188,7 @@ impl Server {
 
     fn start(self) -> Result<Running, ServerError> {
         let config = self.config;
-        let metrics = Arc::new(Metrics::new());
+        let metrics = Arc::new(Metrics::of(self.backends.device()));
         let report = self.report;
         let (openings, opened) = mpsc::channel(config.engine.sessions_max as usize);
         let (answers, tiles) = std::sync::mpsc::sync_channel(config.tile_queue as usize);

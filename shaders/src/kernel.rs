@@ -206,13 +206,13 @@ kernel!(
 kernel!(
     /// Sums over slots, a pair a workgroup.
     MEASURE_LIGHT = "measure_light",
-    ["resident", "shots"],
+    ["resident", "shots", "pair_sum"],
     [read("residents"), read("own_light"), read("irradiance"), read("unshot"), read("gathered"), written("light_sums")]
 );
 kernel!(
     /// Sums of [`MEASURE_LIGHT`], and what they say.
     SUM_LIGHT = "sum_light",
-    ["shots"],
+    ["shots", "pair_sum"],
     [read("light_sums"), written("shot_words")]
 );
 kernel!(

@@ -1,7 +1,7 @@
 //! The GPU backend passes the suite of its trait on whatever adapter there is; without one these tests say why they are
 //! skipped.
 
-use earthshine_client::{ClientOptions, Lights, Vec3};
+use earthshine_client::{ClientOptions, Light, Lights, Vec3};
 use earthshine_gen::fixtures;
 use earthshine_gpu::alias::AliasBuilder;
 use earthshine_gpu::{GpuBackend, GpuDevice, GpuRowLight};
@@ -12,11 +12,11 @@ use earthshine_radiosity::tables::{AliasTable, BuildRoom, RowTable};
 use earthshine_radiosity::{BackendError, Slot, Update};
 use earthshine_server::BackendKind;
 use earthshine_tests::adapter::{device_or_skip, device_within};
-use earthshine_tests::agreement::assert_is;
+use earthshine_tests::agreement::{assert_is, served_patches};
 use earthshine_tests::backend_suite::{backend_conformance, backend_conformance_at};
 use earthshine_tests::baked::{BakedWorld, coarse, imported, own_lights};
 use earthshine_tests::served::ServedWorld;
-use earthshine_tests::solved::SolvedWorld;
+use earthshine_tests::solved::{Solution, SolvedWorld, place_of};
 use earthshine_tests::solver_suite::{drawing_conformance, solver_conformance};
 use earthshine_tests::viewer::{connect, settled_at, within};
 use earthshine_world::{LightRig, Rgb, Sky};
@@ -118,8 +118,12 @@ async fn outlives(method: Method) {
         earthshine_client::world(&served.uri, &ClientOptions::default()).await.expect("a description").lights;
     let mut client = connect(&served.uri).await;
     let centre = Vec3::new(4.0, 1.6, 1.5);
+    let check = |light: &Light| match method {
+        Method::Matrix => assert_is(&solved, &whole, light),
+        _ => assert_is_about(&solved, &whole, light),
+    };
     let before = settled_at(&mut client, centre).await;
-    assert_is(&solved, &whole, &before);
+    check(&before);
     let first = served.device.get().expect("a device computes");
     first.destroy();
     // Lights that change make the engine ask, and find out.
@@ -136,9 +140,22 @@ async fn outlives(method: Method) {
     within("a device that was opened again", reopened).await;
     client.set_lights(&own).expect("the session is open");
     let after = settled_at(&mut client, centre).await;
-    assert_is(&solved, &whole, &after);
+    check(&after);
     client.close().await;
     served.stop().await.expect("a clean end");
+}
+
+/// Asserts that all light together is the solution's, within what shooting leaves and the wire rounds: a patch far darker
+/// than the others may be off by more than its own tolerance.
+fn assert_is_about(world: &SolvedWorld, solution: &Solution, light: &Light) {
+    let served = served_patches(light);
+    let (mut gap, mut norm) = (0.0f64, 0.0f64);
+    for (patch, solved) in world.patches().zip(&solution.irradiance) {
+        gap += f64::from((served[&place_of(patch)].irradiance - *solved).length_squared());
+        norm += f64::from(solved.length_squared());
+    }
+    let error = (gap / norm).sqrt();
+    assert!(error < 3e-3, "{error}");
 }
 
 /// Goal: a device's alias tables are the CPU's. Method: the edge rows, the one with sections among them, and lengths

@@ -204,6 +204,7 @@ impl Backend for GpuBackend {
         if !recomputed {
             return Ok(StepStats { lit_columns: self.lit_columns, recomputed });
         }
+        self.matrix.begin_frame()?;
         let lit: Vec<bool> = (0..slots).map(|slot| self.is_lit(slot)).collect();
         let wanted: Vec<bool> = (0..slots).map(is_wanted).collect();
         let is = |marks: &[bool], slot: u32| marks.get(slot as usize).copied().unwrap_or(false);
@@ -230,6 +231,7 @@ impl Backend for GpuBackend {
         let newest =
             |bytes: &[u8]| irradiance.copy_from_slice(&bytemuck::pod_collect_to_vec::<u8, f32>(bytes));
         self.readback.fetch(self.matrix.device(), newest)?;
+        self.matrix.end_frame()?;
         for (slot, out) in slots.iter().zip(out) {
             let at = slot.0 as usize;
             *out = if self.has_light[at] { Self::rgb(&self.irradiance, at) } else { Rgb::ZERO };

@@ -2,6 +2,7 @@
 
 use crate::adapter::{AdapterChoice, GpuError, choose, instance, required_limits};
 use crate::pipeline::{Pipeline, compile_all};
+use crate::timing::{PassTime, PassTotal};
 use earthshine_radiosity::BackendError;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -39,6 +40,7 @@ struct Inner {
     loss: Arc<Loss>,
     binding_bytes_max: u64,
     has_timestamps: bool,
+    pass_totals: Mutex<BTreeMap<&'static str, PassTotal>>,
 }
 
 /// Of every buffer: no struct of the shaders is larger.
@@ -93,6 +95,7 @@ impl GpuDevice {
                 loss,
                 binding_bytes_max,
                 has_timestamps,
+                pass_totals: Mutex::default(),
             }),
         })
     }
@@ -119,6 +122,22 @@ impl GpuDevice {
     pub fn destroy(&self) {
         self.inner.device.destroy();
         self.inner.loss.note("it was destroyed".to_owned());
+    }
+
+    /// What kernels have taken in the frames that were timed, one in 64 of each backend; empty where the device has no
+    /// timestamps.
+    #[must_use]
+    pub fn pass_totals(&self) -> BTreeMap<&'static str, PassTotal> {
+        self.inner.pass_totals.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    pub(crate) fn note_passes(&self, passes: &[PassTime]) {
+        let mut totals = self.inner.pass_totals.lock().unwrap_or_else(PoisonError::into_inner);
+        for pass in passes {
+            let total = totals.entry(pass.name).or_default();
+            total.count += 1;
+            total.seconds += pass.ms / 1e3;
+        }
     }
 
     pub(crate) fn wgpu(&self) -> &Device {

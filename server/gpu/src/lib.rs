@@ -41,4 +41,4 @@ pub use adapter::{AdapterChoice, AdapterReport, GpuError};
 pub use backend::GpuBackend;
 pub use device::GpuDevice;
 pub use rows::GpuRowLight;
-pub use timing::PassTime;
+pub use timing::{PassTime, PassTotal};

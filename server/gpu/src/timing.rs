@@ -16,6 +16,61 @@ pub struct PassTime {
     pub ms: f64,
 }
 
+/// What a kernel has taken in all timed passes.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PassTotal {
+    /// Passes.
+    pub count: u64,
+    /// Their time, s.
+    pub seconds: f64,
+}
+
+/// A frame in so many is timed while a device works: reading the times waits for it.
+const FRAMES_A_SAMPLE: u32 = 64;
+
+/// Times the passes of a frame now and then, for whoever watches the device.
+#[derive(Debug, Default)]
+pub(crate) struct Sampling {
+    frames: u32,
+    is_on: bool,
+}
+
+impl Sampling {
+    /// A frame begins; `timing` is set if it is to be timed and nobody times anyway.
+    ///
+    /// # Errors
+    /// [`BackendError::OutOfMemory`], [`BackendError::DeviceLost`].
+    pub(crate) fn begin(
+        &mut self,
+        device: &GpuDevice,
+        timing: &mut Option<Timing>,
+    ) -> Result<(), BackendError> {
+        self.frames = self.frames.wrapping_add(1);
+        if timing.is_none() && self.frames % FRAMES_A_SAMPLE == 1 {
+            *timing = Timing::new(device)?;
+            self.is_on = timing.is_some();
+        }
+        Ok(())
+    }
+
+    /// The light of the frame is here: its times are added to the device's.
+    ///
+    /// # Errors
+    /// [`BackendError::OutOfMemory`], [`BackendError::DeviceLost`].
+    pub(crate) fn end(
+        &mut self,
+        device: &GpuDevice,
+        timing: &mut Option<Timing>,
+    ) -> Result<(), BackendError> {
+        if std::mem::take(&mut self.is_on)
+            && let Some(mut timing) = timing.take()
+        {
+            device.note_passes(&timing.take(device)?);
+        }
+        Ok(())
+    }
+}
+
 /// Most passes that are timed between two readings.
 const PASSES_MAX: u32 = 1024;
 

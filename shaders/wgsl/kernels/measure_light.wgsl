@@ -9,9 +9,6 @@
 @group(0) @binding(5) var<storage, read> gathered: array<vec4<f32>>;
 @group(0) @binding(6) var<storage, read_write> light_sums: array<vec4<f32>>;
 
-var<workgroup> firsts: array<vec4<f32>, 256>;
-var<workgroup> seconds: array<vec4<f32>, 256>;
-
 @compute @workgroup_size(256)
 fn measure_light(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -32,15 +29,7 @@ fn measure_light(
             second = gathered[slot] * gathered[slot];
         }
     }
-    firsts[lane] = first;
-    seconds[lane] = second;
-    for (var half = LANES / 2u; half > 0u; half /= 2u) {
-        workgroupBarrier();
-        if lane < half {
-            firsts[lane] += firsts[lane + half];
-            seconds[lane] += seconds[lane + half];
-        }
-    }
+    sum_pairs(first, second, lane);
     if lane == 0u && number * LANES < pass_of.entry_count {
         light_sums[2u * number] = firsts[0];
         light_sums[2u * number + 1u] = seconds[0];

@@ -7,9 +7,6 @@
 // What the remembered scale of light keeps a frame.
 const SCALE_KEPT: f32 = 0.9;
 
-var<workgroup> firsts: array<vec4<f32>, 256>;
-var<workgroup> seconds: array<vec4<f32>, 256>;
-
 // Squares of a change over squares of light; nothing of nothing is nothing.
 fn part(change: f32, light: f32) -> f32 {
     if change == 0.0 {
@@ -27,15 +24,7 @@ fn sum_light(@builtin(local_invocation_index) lane: u32) {
         first += light_sums[2u * at];
         second += light_sums[2u * at + 1u];
     }
-    firsts[lane] = first;
-    seconds[lane] = second;
-    for (var half = LANES / 2u; half > 0u; half /= 2u) {
-        workgroupBarrier();
-        if lane < half {
-            firsts[lane] += firsts[lane + half];
-            seconds[lane] += seconds[lane + half];
-        }
-    }
+    sum_pairs(first, second, lane);
     if lane > 0u {
         return;
     }

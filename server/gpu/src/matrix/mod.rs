@@ -22,7 +22,7 @@ mod repair;
 use crate::device::GpuDevice;
 use crate::readback::Readback;
 use crate::recorder::Recorder;
-use crate::timing::{PassTime, Timing};
+use crate::timing::{PassTime, Sampling, Timing};
 use buffers::Buffers;
 use earthshine_radiosity::local_matrix::Arrival;
 use earthshine_radiosity::{BackendError, Slot};
@@ -45,6 +45,7 @@ pub(crate) struct GpuMatrix {
     /// What a block is solved from, on its way to the host.
     block_readback: Readback,
     timing: Option<Timing>,
+    sampling: Sampling,
 }
 
 impl GpuMatrix {
@@ -63,6 +64,7 @@ impl GpuMatrix {
             repair_from: 0,
             block_readback,
             timing: None,
+            sampling: Sampling::default(),
         })
     }
 
@@ -160,6 +162,22 @@ impl GpuMatrix {
     /// [`BackendError::DeviceLost`].
     pub(crate) fn take_times(&mut self) -> Result<Vec<PassTime>, BackendError> {
         self.timing.as_mut().map_or(Ok(Vec::new()), |timing| timing.take(&self.device))
+    }
+
+    /// A frame begins, which may be timed for whoever watches the device.
+    ///
+    /// # Errors
+    /// [`BackendError::OutOfMemory`], [`BackendError::DeviceLost`].
+    pub(crate) fn begin_frame(&mut self) -> Result<(), BackendError> {
+        self.sampling.begin(&self.device, &mut self.timing)
+    }
+
+    /// The light of the frame has been read.
+    ///
+    /// # Errors
+    /// [`BackendError::OutOfMemory`], [`BackendError::DeviceLost`].
+    pub(crate) fn end_frame(&mut self) -> Result<(), BackendError> {
+        self.sampling.end(&self.device, &mut self.timing)
     }
 
     /// Wait for everything that was submitted.

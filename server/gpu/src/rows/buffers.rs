@@ -1,5 +1,6 @@
 //! What lies on the device for the light of rows.
 
+use super::passes::upload;
 use crate::device::GpuDevice;
 use crate::recorder::uniform_buffer;
 use earthshine_radiosity::BackendError;
@@ -50,7 +51,7 @@ impl Growing {
 
     /// Writes to the beginning before the next submission runs; there has to be room.
     pub(super) fn write<T: bytemuck::NoUninit>(&self, device: &GpuDevice, values: &[T]) {
-        super::upload(device, &self.buffer, values, 0..values.len());
+        upload(device, &self.buffer, values, 0..values.len());
     }
 
     /// Makes room and writes.
@@ -145,7 +146,7 @@ impl Buffers {
         let of_shots = if is_shot { slots } else { 0 };
         let groups = slots.div_ceil(LANES as usize);
         let all_slots = numbers("all slots", slots)?;
-        super::upload(device, &all_slots, &(0..slots as u32).collect::<Vec<_>>(), 0..slots);
+        upload(device, &all_slots, &(0..slots as u32).collect::<Vec<_>>(), 0..slots);
         Ok(Self {
             slots: slots as u32,
             links: Growing::new(device, "links", size_of::<Link>(), link_count)?,

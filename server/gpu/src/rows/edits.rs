@@ -1,7 +1,8 @@
 //! Who comes and goes: collected on the host, run after run of one kind, and told to the device before it matters.
 
+use super::GpuRowLight;
+use super::passes::{groups, upload};
 use super::pool::{Pool, Region};
-use super::{GpuRowLight, groups};
 use crate::recorder::folded;
 use earthshine_radiosity::BackendError;
 use earthshine_radiosity::solver::links::LinkRows;
@@ -148,7 +149,7 @@ impl GpuRowLight {
         let leaving = std::mem::take(&mut self.edits.leaving);
         let mut bits = vec![0u32; self.residents.len().div_ceil(32)];
         leaving.iter().for_each(|&slot| bits[slot as usize / 32] |= 1 << (slot % 32));
-        super::upload(&self.device, &self.buffers.leaving, &bits, 0..bits.len());
+        upload(&self.device, &self.buffers.leaving, &bits, 0..bits.len());
         self.edit_rows(&edits, &[], true)?;
         self.buffers.some_slots.fill(&self.device, &leaving)?;
         for &slot in &leaving {

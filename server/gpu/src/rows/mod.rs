@@ -22,11 +22,13 @@
 //! | `pool.rs` | where rows and tables lie in buffers that they share |
 //! | `buffers.rs` | what lies on the device |
 //! | `edits.rs` | who comes and goes |
+//! | `passes.rs` | passes that several methods run |
 //! | `tables.rs` | tables, a budget of them a frame |
 //! | `shots.rs` | progressive shooting |
 
 mod buffers;
 mod edits;
+mod passes;
 mod pool;
 mod shots;
 mod tables;
@@ -35,8 +37,8 @@ mod tests;
 
 use crate::device::GpuDevice;
 use crate::readback::Readback;
-use crate::recorder::{Recorder, folded};
-use crate::timing::{PassTime, Timing};
+use crate::recorder::Recorder;
+use crate::timing::{PassTime, Sampling, Timing};
 use buffers::Buffers;
 use earthshine_radiosity::solver::cpu_light::GATHER_SETTLED;
 use earthshine_radiosity::solver::row_light::{Frame, RowLightFactory};
@@ -46,19 +48,13 @@ use earthshine_radiosity::solver::{
 };
 use earthshine_radiosity::{BackendError, Slot};
 use earthshine_shaders::host::{Pass, Resident};
-use earthshine_shaders::kernel::{
-    DRAW_ALIAS, DRAW_CDF, GATHER_ROWS, MEASURE_LIGHT, PUBLISH_LIGHT, SEND_LIGHT, SEND_REST, SHARE_OUTSIDE,
-    SUM_LIGHT, TAKE_GATHERED, TAKE_SOURCES,
-};
-use earthshine_shaders::limits::{LANES, SHOT_CHANGE, SHOT_SHOOTERS, SHOT_WORDS};
+use earthshine_shaders::kernel::{PUBLISH_LIGHT, SEND_REST, SHARE_OUTSIDE, TAKE_SOURCES};
+use earthshine_shaders::limits::{SHOT_CHANGE, SHOT_SHOOTERS, SHOT_WORDS};
 use earthshine_world::Rgb;
 use edits::Edits;
+use passes::{groups, upload};
 use std::ops::Range;
 use tables::Tables;
-use wgpu::Buffer;
-
-/// Rows that a workgroup of `gather_rows` sums.
-const ROWS_A_GROUP: u32 = 4;
 
 /// Light on residents, advanced on a device by one method.
 #[derive(Debug)]
@@ -82,6 +78,7 @@ pub struct GpuRowLight {
     published: Vec<Light>,
     words: Option<[u32; SHOT_WORDS as usize]>,
     timing: Option<Timing>,
+    sampling: Sampling,
 }
 
 /// A range of slots that may have changed.
@@ -138,6 +135,7 @@ impl GpuRowLight {
             published: light.to_vec(),
             words: None,
             timing: None,
+            sampling: Sampling::default(),
             buffers,
             device: device.clone(),
         };
@@ -375,6 +373,7 @@ impl RowLight for GpuRowLight {
 
     fn advance(&mut self, residents: &mut Residents, frame: Frame<'_>) -> Result<(), BackendError> {
         self.device.check()?;
+        self.sampling.begin(&self.device, &mut self.timing)?;
         self.flush_leaving()?;
         self.flush_coming()?;
         // The sky's light changes without a word; it is told with the sources.
@@ -414,6 +413,7 @@ impl RowLight for GpuRowLight {
 
     fn read(&mut self, residents: &Residents, slots: &[Slot], out: &mut [Rgb]) -> Result<(), BackendError> {
         self.fetch()?;
+        self.sampling.end(&self.device, &mut self.timing)?;
         for (slot, out) in slots.iter().zip(out) {
             let at = slot.0 as usize;
             let light = self.published[at];
@@ -423,66 +423,5 @@ impl RowLight for GpuRowLight {
             *out = Rgb::new(light[0], light[1], light[2]);
         }
         Ok(())
-    }
-}
-
-/// Workgroups of a thread an entry.
-fn groups(pass: Pass) -> [u32; 3] {
-    folded(pass.entry_count.div_ceil(LANES))
-}
-
-/// Writes `range` of `values` to its place before the next submission runs.
-fn upload<T: bytemuck::NoUninit>(device: &GpuDevice, buffer: &Buffer, values: &[T], range: Range<usize>) {
-    if !range.is_empty() {
-        let at = (range.start * size_of::<T>()) as u64;
-        device.queue().write_buffer(buffer, at, bytemuck::cast_slice(&values[range]));
-    }
-}
-
-impl Recorder<'_> {
-    fn send_light(&mut self, buffers: &Buffers, pass: Pass) {
-        // All slots, whatever the entries of other passes are.
-        let pass = Pass { entry_count: buffers.slots, ..pass };
-        let bound = [&buffers.residents, &buffers.own, &buffers.irradiance, &buffers.unshot, &buffers.sent];
-        self.dispatch(&SEND_LIGHT, &bound, pass, groups(pass));
-    }
-
-    /// For as many of `slots` as the pass has entries.
-    fn gather_rows(&mut self, buffers: &Buffers, slots: &Buffer, outside: &Buffer, pass: Pass) {
-        let bound = [slots, &buffers.rows, &buffers.links.buffer, &buffers.sent, outside, &buffers.gathered];
-        self.dispatch(&GATHER_ROWS, &bound, pass, folded(pass.entry_count.div_ceil(ROWS_A_GROUP)));
-    }
-
-    fn take_gathered(&mut self, buffers: &Buffers, slots: &Buffer, tolerance: f32, pass: Pass) {
-        let pass = Pass { first_weight: tolerance, ..pass };
-        let bound = [slots, &buffers.residents, &buffers.gathered, &buffers.irradiance, &buffers.unshot];
-        self.dispatch(&TAKE_GATHERED, &bound, pass, groups(pass));
-    }
-
-    /// Sums over all slots.
-    fn measure_light(&mut self, buffers: &Buffers, pass: Pass) {
-        let pass = Pass { entry_count: buffers.slots, ..pass };
-        let bound = [
-            &buffers.residents,
-            &buffers.own,
-            &buffers.irradiance,
-            &buffers.unshot,
-            &buffers.gathered,
-            &buffers.light_sums,
-        ];
-        self.dispatch(&MEASURE_LIGHT, &bound, pass, groups(pass));
-        let pass = Pass { entry_count: buffers.slots.div_ceil(LANES), ..pass };
-        self.dispatch(&SUM_LIGHT, &[&buffers.light_sums, &buffers.shot_words], pass, [1, 1, 1]);
-    }
-
-    /// Draws of every row, blended with what `light` was; `outside` is what draws of the outside bring.
-    fn draw(&mut self, buffers: &Buffers, method: Method, [outside, light]: [&Buffer; 2], pass: Pass) {
-        let row = [&buffers.spans, &buffers.outcomes.buffer, &buffers.totals, &buffers.sent, outside, light];
-        if method == Method::Alias {
-            self.dispatch(&DRAW_ALIAS, &[&row[..], &[&buffers.bins.buffer]].concat(), pass, groups(pass));
-        } else {
-            let tables = [&buffers.bins.buffer, &buffers.guide.buffer];
-            self.dispatch(&DRAW_CDF, &[&row[..], &tables].concat(), pass, groups(pass));
-        }
     }
 }

@@ -1,8 +1,9 @@
 //! Progressive shooting on the device: a frame of rounds, and some rows gathered afresh.
 
-use super::{GpuRowLight, groups};
+use super::GpuRowLight;
+use super::buffers::Buffers;
+use super::passes::groups;
 use crate::recorder::Recorder;
-use crate::rows::buffers::Buffers;
 use earthshine_radiosity::BackendError;
 use earthshine_radiosity::solver::SolverSettings;
 use earthshine_radiosity::solver::links::LinkRows;

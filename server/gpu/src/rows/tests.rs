@@ -13,6 +13,7 @@ use earthshine_radiosity::{Backend, CpuBackend, Update};
 use earthshine_shaders::host::{Link, LiveRow, RowSpan};
 use earthshine_shaders::kernel::KERNELS;
 use std::io::Write as _;
+use wgpu::Buffer;
 
 /// Slots, around the width of a workgroup.
 const SIZES: [usize; 5] = [1, 63, 64, 65, 300];
@@ -303,6 +304,28 @@ fn a_lost_device_publishes_nothing() {
         assert!(lost(twins.backends[0].read_irradiance(&slots, &mut light)), "{method}");
         assert!(light.iter().all(|light| *light == Rgb::ZERO), "{method}");
     }
+}
+
+/// Goal: a device that tells times tells what its kernels take, of some frames, without being asked. Method: the first frame
+/// is timed, the next is not.
+#[test]
+fn some_frames_are_timed_for_whoever_watches() {
+    let Some(device) = device_or_skip() else { return };
+    let mut twins = Twins::new(&device, 65, settings(Method::Hybrid));
+    let entering = twins.streamed.enter(65);
+    twins.apply(&entering);
+    twins.shine(10.0, 1.0);
+    assert!(device.pass_totals().is_empty(), "no frame yet");
+    twins.step();
+    let first = device.pass_totals();
+    assert_eq!(first.is_empty(), !device.has_timestamps());
+    if device.has_timestamps() {
+        let shots = first["shoot_links"];
+        assert!(shots.count == 4 && shots.seconds > 0.0, "{shots:?}");
+    }
+    twins.shine(5.0, 1.0);
+    twins.step();
+    assert_eq!(device.pass_totals(), first);
 }
 
 /// Goal: numbers that shaders repeat are the CPU's.
