@@ -146,7 +146,7 @@ impl GpuRowLight {
     /// Whether a device can do what `settings` ask for: neither draws from rows of the matrix nor adaptive ones.
     #[must_use]
     pub fn is_possible(settings: &SolverSettings) -> bool {
-        !settings.is_coloured() && !(settings.method.is_endless() && settings.adaptive)
+        !(settings.is_coloured() || settings.method.is_endless() && settings.adaptive)
     }
 
     /// Makes such light, or the CPU's where it is not possible.

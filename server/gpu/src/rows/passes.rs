@@ -21,7 +21,12 @@ pub(super) fn groups(pass: Pass) -> [u32; 3] {
 }
 
 /// Writes `range` of `values` to its place before the next submission runs.
-pub(super) fn upload<T: bytemuck::NoUninit>(device: &GpuDevice, buffer: &Buffer, values: &[T], range: Range<usize>) {
+pub(super) fn upload<T: bytemuck::NoUninit>(
+    device: &GpuDevice,
+    buffer: &Buffer,
+    values: &[T],
+    range: Range<usize>,
+) {
     if !range.is_empty() {
         let at = (range.start * size_of::<T>()) as u64;
         device.queue().write_buffer(buffer, at, bytemuck::cast_slice(&values[range]));
@@ -65,7 +70,13 @@ impl Recorder<'_> {
     }
 
     /// Draws of every row, blended with what `light` was; `outside` is what draws of the outside bring.
-    pub(super) fn draw(&mut self, buffers: &Buffers, method: Method, [outside, light]: [&Buffer; 2], pass: Pass) {
+    pub(super) fn draw(
+        &mut self,
+        buffers: &Buffers,
+        method: Method,
+        [outside, light]: [&Buffer; 2],
+        pass: Pass,
+    ) {
         let row = [&buffers.spans, &buffers.outcomes.buffer, &buffers.totals, &buffers.sent, outside, light];
         if method == Method::Alias {
             self.dispatch(&DRAW_ALIAS, &[&row[..], &[&buffers.bins.buffer]].concat(), pass, groups(pass));

@@ -143,11 +143,8 @@ impl CpuRowLight {
         let State::Drawn(draws, noise) = &mut self.state else { return Ok(()) };
         let links = &residents.links;
         let Frame { settings, number, order, matrix } = frame;
-        // Written out, it is borrowed for no longer than this.
-        let matrix = match matrix {
-            Some(matrix) => Some(matrix as &mut dyn Backend),
-            None => None,
-        };
+        // Borrowed for no longer than this.
+        let matrix = matrix.map(|matrix| matrix as &mut dyn Backend);
         let from = TableSources { links, sky_shares: &residents.sky_shares, order, matrix };
         draws.rebuild(from, settings.rebuild_items_per_step)?;
         let scene = Scene {
