@@ -15,7 +15,7 @@ use crate::{EngineConfig, PatchLight};
 use earthshine_light::{NEAR_SHARE_MIN, NearPatch, Viewer};
 use earthshine_world::lineage::Lineage;
 use earthshine_world::{
-    Chunk, ChunkId, DetailVoxel, Direction, Grid, LightRig, ReceiverPlace, Rgb, Vec3, Vec4, VoxelCoord,
+    Chunk, ChunkId, DetailVoxel, Direction, Grid, LightRig, Patch, ReceiverPlace, Rgb, Vec3, Vec4, VoxelCoord,
 };
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -338,7 +338,8 @@ impl<'a> Sources<'a> {
         let Some((mean, irradiance)) = resident.light.on_points() else { return Rgb::ZERO };
         let points = self.local.chunk_of(resident.id).points_of(&resident.patch);
         let seen = viewer.sees(NearPatch { points, irradiance });
-        seen.map_or(Rgb::ZERO, |seen| resident.patch.reflectance * (seen - mean))
+        let reflectance = resident.patch.reflectance.min(Rgb::splat(Patch::REFLECTANCE_MAX));
+        seen.map_or(Rgb::ZERO, |seen| reflectance * (seen - mean))
     }
 
     /// Light of the receiver in row `row`, without that of far columns; and that, with how much of the row it stands for.

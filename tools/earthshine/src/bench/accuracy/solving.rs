@@ -77,13 +77,16 @@ impl SolvingArguments {
             BackendKind::Cpu => None,
             BackendKind::Gpu => Some(GpuDevice::open(&AdapterChoice::default())?),
         };
-        let matrix = move |slots: u32| match &device {
-            Some(device) => {
-                GpuBackend::new(device, slots).map(|backend| Box::new(backend) as Box<dyn Backend>)
+        let matrix = move |slots: u32| {
+            let too_large = |_| BackendError::OutOfMemory { slots, bytes: LocalMatrix::bytes(slots) };
+            match &device {
+                Some(device) => {
+                    GpuBackend::new(device, slots).map(|backend| Box::new(backend) as Box<dyn Backend>)
+                }
+                None => CpuBackend::new(slots)
+                    .map(|backend| Box::new(backend) as Box<dyn Backend>)
+                    .map_err(too_large),
             }
-            None => CpuBackend::new(slots)
-                .map(|backend| Box::new(backend) as Box<dyn Backend>)
-                .map_err(|_| BackendError::OutOfMemory { slots, bytes: LocalMatrix::bytes(slots) }),
         };
         let method = self.solver;
         let settings =
