@@ -65,8 +65,12 @@ pub(crate) fn check_delta(delta: &v1::Delta, voxel_count: u32) -> Result<(), Cli
     if !(delta.sky_irradiance.is_empty() || delta.sky_irradiance.len() == patches) {
         return fault(format!("{} sky irradiances for {patches} patches", delta.sky_irradiance.len()));
     }
-    if !(delta.plane.is_empty() || delta.plane.len() == patches) {
-        return fault(format!("{} planes for {patches} patches", delta.plane.len()));
+    for (codes, what) in
+        [(&delta.plane, "planes"), (&delta.far, "far shares"), (&delta.staleness, "ages of direct light")]
+    {
+        if !(codes.is_empty() || codes.len() == patches) {
+            return fault(format!("{} {what} for {patches} patches", codes.len()));
+        }
     }
     if delta.voxels.iter().skip(1).any(|&step| step == 0) {
         return fault("voxels do not ascend".to_owned());
@@ -99,6 +103,8 @@ pub(crate) fn apply_delta(delta: &v1::Delta, volume: &mut Volume) {
                 light.set(direction, irradiance, sky, quality);
             }
             light.plane[direction] = delta.plane.get(patch).copied().unwrap_or(plane::UNKNOWN);
+            light.far[direction] = delta.far.get(patch).copied().unwrap_or(0);
+            light.staleness[direction] = delta.staleness.get(patch).copied().unwrap_or(0);
             patch += 1;
         }
         volume.set(index, &light);
@@ -182,6 +188,8 @@ mod tests {
         assert!(fault(|d| d.present[0] = 0b100_0001).contains("more than six"));
         assert!(fault(|d| d.irradiance.truncate(1)).contains("1 irradiances"));
         assert!(fault(|d| d.quality.push(1)).contains("4 qualities"));
+        assert!(fault(|d| d.far.push(1)).contains("1 far shares"));
+        assert!(fault(|d| d.staleness.push(1)).contains("1 ages of direct light"));
         assert!(fault(|d| d.sky_irradiance.truncate(2)).contains("2 sky"));
         assert!(fault(|d| d.air.truncate(1)).contains("1 air masks"));
         assert!(fault(|d| d.air[1] = 1).contains("more directions"));

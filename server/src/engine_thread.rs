@@ -7,13 +7,13 @@
 
 use crate::metrics::Metrics;
 use crate::observer::{TickLog, TickSample};
-use crate::pace::Pace;
+use crate::pace::{News, Pace};
 use crate::publish::Answered;
 use crate::solver_wish::SolverWish;
 use crate::takeover::{Attending, Takeover};
 use crate::tile_loader::TileRequests;
 use crate::world_watch::NextWorld;
-use earthshine_engine::{Command, Engine, EngineStats, Event, Frame, Promise, SessionId};
+use earthshine_engine::{Command, Engine, EngineConfig, EngineStats, Event, Frame, Promise, SessionId};
 use earthshine_world::{Camera, ChunkId, LightRig, WorldIndex};
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -248,7 +248,7 @@ impl Running {
         self.hand_out();
         self.take_over(time_s);
         let tick_s = began.elapsed().as_secs_f64();
-        self.keep_pace(tick_s, done.adds);
+        self.keep_pace(tick_s, done.swap_work);
         self.shell.metrics.tick_seconds.observe(tick_s);
         let stats = self.shell.engine.stats();
         let missing_near = stats.sessions.iter().map(|session| session.missing_near).max().unwrap_or(0);
@@ -263,16 +263,23 @@ impl Running {
         });
     }
 
-    /// Has the engine promise what it can keep at the rate at which busy ticks really come.
-    fn keep_pace(&mut self, tick_s: f64, adds: u64) {
-        let adds_max = self.shell.engine.config().adds_per_tick_max;
-        if let Some(tick_rate_hz) = self.pace.note(tick_s, adds, adds_max) {
-            self.events.push(Event::Pace { tick_rate_hz });
+    /// Has the engine do what a tick has time for, and promise what it can keep at the rate at which busy ticks really come.
+    fn keep_pace(&mut self, tick_s: f64, swap_work: u64) {
+        let config = self.shell.engine.config();
+        let most = u64::from(config.adds_per_tick_max) * u64::from(EngineConfig::CHEAPER_SWAPS_LIMIT);
+        let news = self.pace.note(tick_s, swap_work as f64 / most as f64);
+        if let Some(tick_rate_hz) = news.tick_rate_hz {
             tracing::info!(
                 tick_rate_hz,
                 "the promise counts on another rate of ticks: see the promised_ metrics"
             );
         }
+        self.tell_pace(news);
+    }
+
+    fn tell_pace(&mut self, news: News) {
+        self.events.extend(news.tick_rate_hz.map(|tick_rate_hz| Event::Pace { tick_rate_hz }));
+        self.events.extend(news.effort.map(|share| Event::Effort { share }));
     }
 
     fn collect_sessions(&mut self) {
@@ -334,8 +341,8 @@ impl Running {
         let Takeover { next, frames, turned_away, .. } = takeover;
         (self.shell.engine, self.shell.tiles, self.shell.requests) = (next.engine, next.tiles, next.requests);
         self.turned_away = turned_away;
-        // It has counted on the configured rate so far.
-        self.events.push(Event::Pace { tick_rate_hz: self.pace.told_hz() });
+        // It has counted on the configured rate so far, and on all of its budgets.
+        self.tell_pace(self.pace.told());
         self.shell.served.send_replace(next.index);
         for (session, frame) in frames {
             if let Some(client) = self.clients.get(&session)

@@ -269,6 +269,7 @@ fn gauges(report: &EngineReport) -> Vec<(&'static str, &'static str, f64)> {
             "Worst relative RMSE of any view's light against the matrix, at its last audit",
             f64::from(stats.audit_error()),
         ),
+        ("effort_ratio", "Part of its budgets that a tick may spend", f64::from(stats.effort)),
         ("promised_radius_meters", "Radius of the promise; 0 for none", f64::from(stats.promised_radius_m)),
         (
             "promised_speed_meters_per_second",

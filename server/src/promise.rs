@@ -21,13 +21,19 @@ pub(crate) fn promising(engine: Engine, config: &Config, index: &WorldIndex, sto
         tick_rate_hz: config.tick_rate_hz as f32,
         tile_bytes_per_s: (config.tile_rate_mb_s * 1e6) as f32,
     };
-    engine.with_promise(Prospect::of(index, &config.engine, crowding(index, store)), means)
+    engine.with_promise(Prospect::of(index, &config.engine, &crowding(index, store)), means)
 }
 
-fn crowding(index: &WorldIndex, store: &DirStore) -> Crowding {
-    let mut crowding = Crowding::new(index.grid.voxel_edge_m);
+/// Of each level, finest first.
+fn crowding(index: &WorldIndex, store: &DirStore) -> Vec<Crowding> {
+    (0..index.level_count()).map(|level| crowding_of(level, index, store)).collect()
+}
+
+fn crowding_of(level: u8, index: &WorldIndex, store: &DirStore) -> Crowding {
+    let mut crowding = Crowding::new(index.grid.at_level(level).voxel_edge_m);
     let mut known: BTreeMap<ChunkId, Vec<Vec3>> = BTreeMap::new();
-    let mut chunks: Vec<&ChunkSummary> = index.chunks.iter().filter(|chunk| chunk.id.level == 0).collect();
+    let mut chunks: Vec<&ChunkSummary> =
+        index.chunks.iter().filter(|chunk| chunk.id.level == level).collect();
     chunks.sort_by_key(|chunk| std::cmp::Reverse((chunk.patch_count, chunk.id)));
     for crowded in chunks.into_iter().take(CROWDED_CHUNKS) {
         let mut patches = Vec::new();

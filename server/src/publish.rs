@@ -38,6 +38,10 @@ pub(crate) struct VoxelCodes {
     pub(crate) sky_irradiance: [u32; 6],
     /// 0..=255 for 0..=1.
     pub(crate) quality: [u8; 6],
+    /// Of `quality`: what coarse levels stand for.
+    pub(crate) far: [u8; 6],
+    /// As [`PatchLight::staleness`].
+    pub(crate) staleness: [u8; 6],
     /// Where surfaces lie: see `earthshine_volume::plane`.
     pub(crate) plane: [u8; 6],
 }
@@ -49,6 +53,8 @@ impl VoxelCodes {
         irradiance: [0; 6],
         sky_irradiance: [0; 6],
         quality: [0; 6],
+        far: [0; 6],
+        staleness: [0; 6],
         plane: [plane::UNKNOWN; 6],
     };
 
@@ -58,8 +64,10 @@ impl VoxelCodes {
         self.air |= u8::from(is_air) << direction;
         self.irradiance[direction] = rgb9e5::encode(patch.irradiance / LIGHT_UNIT_LX);
         self.sky_irradiance[direction] = rgb9e5::encode(patch.sky_irradiance / LIGHT_UNIT_LX);
-        let rests_on = patch.known_share + patch.fed_share;
-        self.quality[direction] = (rests_on.clamp(0.0, 1.0) * 255.0).round() as u8;
+        let code = |share: f32| (share.clamp(0.0, 1.0) * 255.0).round() as u8;
+        self.quality[direction] = code(patch.known_share + patch.fed_share);
+        self.far[direction] = code(patch.fed_share).min(self.quality[direction]);
+        self.staleness[direction] = patch.staleness;
         self.plane[direction] = patch.plane_offset.map_or(plane::UNKNOWN, plane::encode);
     }
 
@@ -69,6 +77,8 @@ impl VoxelCodes {
             self.irradiance[direction] = other.irradiance[direction];
             self.sky_irradiance[direction] = other.sky_irradiance[direction];
             self.quality[direction] = other.quality[direction];
+            self.far[direction] = other.far[direction];
+            self.staleness[direction] = other.staleness[direction];
             self.plane[direction] = other.plane[direction];
             self.air |= other.air & 1 << direction;
         }

@@ -151,6 +151,7 @@ mod tests {
             known_share: 1.0,
             far_share: 0.0,
             fed_share: 0.0,
+            staleness: 0,
         }]);
         let coarse = |level| LevelLight { level, patches: Arc::clone(&patches) };
         let frame = Frame {

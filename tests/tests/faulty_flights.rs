@@ -180,6 +180,36 @@ fn a_flight_over_a_failing_disk_ends_with_the_light_of_a_sound_one() {
     }
 }
 
+/// Goal: where every read takes 100 ms a flight goes on: every tick has light, it rests on less for a while, and on all again
+/// once the camera stands. Method: one read at a time, and a camera that outruns it.
+#[test]
+fn a_disk_that_takes_100_ms_a_read_costs_quality_for_a_while() {
+    let world = corridor(24.0);
+    let plan = FaultPlan { slow_rate: 1.0, delay: Duration::from_millis(100), ..FaultPlan::none(1) };
+    let inner = DirStore::open(world.path()).expect("a world");
+    // The store itself need not sleep: lateness is virtual.
+    let store = FaultyStore::new(inner, FaultPlan { delay: Duration::ZERO, ..plan });
+    let config =
+        EngineConfig { tiles_in_flight_max: 1, tile_look_ahead_s: 0.0, spare_bytes_max: 0, ..config() };
+    let mut flight = Flight::new(&store, plan, config);
+    let resident = |flight: &Flight<'_>| {
+        let quality = flight.newest().quality;
+        f64::from(quality.resident_patches) / f64::from(quality.wanted_patches)
+    };
+    flight.settle(along(0));
+    assert_eq!(resident(&flight), 1.0);
+    let mut worst = 1.0f64;
+    for tick in 0..50 {
+        flight.tick(along(tick * 4), Vec3::X * 24.0);
+        worst = worst.min(resident(&flight));
+        assert!(flight.newest().coarse.iter().any(|level| !level.patches.is_empty()), "tick {tick} is black");
+    }
+    assert!(worst < 0.8, "the camera outruns the disk: {worst}");
+    flight.settle(along(200));
+    assert_eq!((resident(&flight), flight.newest().quality.stale_direct), (1.0, 0));
+    assert!(flight.causes.is_empty(), "{:?}", flight.causes);
+}
+
 /// Goal: files that are deleted or replaced by another world's under a running engine cost what is not loaded yet, and say so;
 /// what is loaded stays. Method: both are done to all tiles while the camera stands at one end.
 #[test]

@@ -24,8 +24,8 @@ pub const TEXT_BYTES_MAX: usize = 1024;
 /// Name of the volume that holds detail of level 0.
 pub const DETAIL_VOLUME: u32 = 256;
 
-/// Most voxels that a server should put into one delta. The worst case (six patches in each, ten bytes a
+/// Most voxels that a server should put into one delta. The worst case (six patches in each, thirteen bytes a
 /// patch, six bytes a voxel) stays under half of [`MESSAGE_BYTES_MAX`].
 pub const DELTA_VOXELS_MAX: usize = 1 << 16;
 
-const _: () = assert!(DELTA_VOXELS_MAX * (6 * 11 + 6) < MESSAGE_BYTES_MAX / 2);
+const _: () = assert!(DELTA_VOXELS_MAX * (6 * 13 + 6) < MESSAGE_BYTES_MAX / 2);

@@ -18,6 +18,7 @@
 //!   linearly with the normal (a sky's) is read exactly, at slanted normals too. What it takes away
 //!   is limited to a quarter of the sum, because a lamp does not darken what turns away from it.
 
+use crate::VoxelLight;
 use crate::{Volume, level_blend, plane};
 use glam::{IVec3, Vec3};
 use std::borrow::Borrow;
@@ -44,6 +45,10 @@ pub struct LookedUp {
     pub sky_irradiance: Vec3,
     /// Share of the surroundings that the light rests on, 0..=1.
     pub quality: f32,
+    /// The part of `quality` that coarse levels stand for, 0..=1.
+    pub far_share: f32,
+    /// Share of what is read whose direct light is out of date, 0..=1.
+    pub stale_share: f32,
     /// Level of the finest volume that answered: 0 is the finest of all.
     pub level: u8,
 }
@@ -68,14 +73,16 @@ pub fn lookup<V: Borrow<Volume>>(volumes: &[V], position: Vec3, normal: Vec3) ->
             fade * (1.0 - level_blend::share_of_coarser(volume, coarser, low, fraction, normal))
         });
         let weight = (1.0 - total.weight) * kept;
-        total.add(weight, found.irradiance, found.sky_irradiance, found.quality);
+        let good = Goodness { quality: found.quality, far: found.far_share, stale: found.stale_share };
+        total.add(weight, found.irradiance, found.sky_irradiance, good);
         answered = answered.or(Some(found.level));
         if kept >= 1.0 {
             break;
         }
     }
-    let Sum { irradiance, sky_irradiance, quality, .. } = total.mean()?;
-    Some(LookedUp { irradiance, sky_irradiance, quality, level: answered? })
+    let Sum { irradiance, sky_irradiance, good: Goodness { quality, far, stale }, .. } = total.mean()?;
+    let level = answered?;
+    Some(LookedUp { irradiance, sky_irradiance, quality, far_share: far, stale_share: stale, level })
 }
 
 /// The lowest of the eight voxels around what `position` reads in `volume`, and its place between them.
@@ -89,19 +96,46 @@ fn corners(volume: &Volume, position: Vec3, normal: Vec3) -> Option<(IVec3, Vec3
     is_near.then(|| (layout.origin + low.as_ivec3(), local - low))
 }
 
+/// How good light is, as [`LookedUp`] says it.
+#[derive(Clone, Copy, Default)]
+struct Goodness {
+    quality: f32,
+    far: f32,
+    stale: f32,
+}
+
+impl Goodness {
+    /// Of the light of one direction of a voxel.
+    fn of(light: &VoxelLight, direction: usize) -> Self {
+        let share = |code: u8| f32::from(code) / 255.0;
+        let stale = if light.staleness[direction] > 0 { 1.0 } else { 0.0 };
+        Self { quality: share(light.quality[direction]), far: share(light.far[direction]), stale }
+    }
+
+    fn scaled(self, factor: f32) -> Self {
+        Self { quality: factor * self.quality, far: factor * self.far, stale: factor * self.stale }
+    }
+
+    fn add(&mut self, other: Self) {
+        self.quality += other.quality;
+        self.far += other.far;
+        self.stale += other.stale;
+    }
+}
+
 #[derive(Clone, Copy, Default)]
 struct Sum {
     irradiance: Vec3,
     sky_irradiance: Vec3,
-    quality: f32,
+    good: Goodness,
     weight: f32,
 }
 
 impl Sum {
-    fn add(&mut self, weight: f32, irradiance: Vec3, sky_irradiance: Vec3, quality: f32) {
+    fn add(&mut self, weight: f32, irradiance: Vec3, sky_irradiance: Vec3, good: Goodness) {
         self.irradiance += weight * irradiance;
         self.sky_irradiance += weight * sky_irradiance;
-        self.quality += weight * quality;
+        self.good.add(good.scaled(weight));
         self.weight += weight;
     }
 
@@ -109,7 +143,7 @@ impl Sum {
     fn add_sum(&mut self, factor: f32, other: &Self) {
         self.irradiance += factor * other.irradiance;
         self.sky_irradiance += factor * other.sky_irradiance;
-        self.quality += factor * other.quality;
+        self.good.add(other.good.scaled(factor));
         self.weight += factor * other.weight;
     }
 
@@ -118,7 +152,7 @@ impl Sum {
         (self.weight > WEIGHT_MIN).then(|| Self {
             irradiance: self.irradiance / self.weight,
             sky_irradiance: self.sky_irradiance / self.weight,
-            quality: self.quality / self.weight,
+            good: self.good.scaled(1.0 / self.weight),
             weight: 1.0,
         })
     }
@@ -140,12 +174,14 @@ fn lookup_in(volume: &Volume, low: IVec3, fraction: Vec3, normal: Vec3) -> Optio
         }
     }
     let weight = total.weight;
-    let Sum { irradiance, sky_irradiance, quality, .. } = total.mean()?;
+    let Sum { irradiance, sky_irradiance, good, .. } = total.mean()?;
     let sloped = |light: Vec3, slope: Vec3| (light + slope / weight).max(AIR_FLOOR * light);
     let found = LookedUp {
         irradiance: sloped(irradiance, slope.irradiance),
         sky_irradiance: sloped(sky_irradiance, slope.sky_irradiance),
-        quality,
+        quality: good.quality,
+        far_share: good.far,
+        stale_share: good.stale,
         level: volume.layout().level,
     };
     Some((found, (surface_weight / SURFACE_WEIGHT).min(1.0)))
@@ -175,13 +211,13 @@ impl Around {
             let weight = along(0) * along(1) * along(2);
             for direction in (0..6).filter(|&direction| light.has(direction)) {
                 let (all, sky) = (light.irradiance[direction], light.sky_irradiance[direction]);
-                let quality = f32::from(light.quality[direction]) / 255.0;
+                let good = Goodness::of(light, direction);
                 if light.is_air(direction) {
-                    around.airs[direction].add(weight, all, sky, quality);
+                    around.airs[direction].add(weight, all, sky, good);
                 } else {
                     let height = surface[direction / 2] - step[direction / 2] as f32;
                     let near = plane::nearness(light.plane[direction], height);
-                    around.surfaces[direction].add(weight * near, all, sky, quality);
+                    around.surfaces[direction].add(weight * near, all, sky, good);
                     around.surface_weights[direction] += weight;
                 }
             }

@@ -16,6 +16,10 @@ pub struct VoxelLight {
     pub air: u8,
     /// Share of the patch's surroundings that its light rests on, 0..=255 for 0..=1.
     pub quality: [u8; 6],
+    /// The part of `quality` that coarse levels stand for.
+    pub far: [u8; 6],
+    /// How old the direct light is that a patch reflects: 0 for up to date, else 1 + log2 of its age in the server's ticks.
+    pub staleness: [u8; 6],
     /// All indirect irradiance and the sky, lx. Finite; zero where there is no patch.
     pub irradiance: [Vec3; 6],
     /// The part of it that came straight from the sky, lx.
@@ -30,6 +34,8 @@ impl VoxelLight {
         present: 0,
         air: 0,
         quality: [0; 6],
+        far: [0; 6],
+        staleness: [0; 6],
         irradiance: [Vec3::ZERO; 6],
         sky_irradiance: [Vec3::ZERO; 6],
         plane: [plane::UNKNOWN; 6],
@@ -49,7 +55,7 @@ impl VoxelLight {
         self.air >> direction & 1 == 1
     }
 
-    /// Puts a patch on direction `direction`, its plane unknown. Channels that are not finite become zero.
+    /// Puts a patch on direction `direction`, its plane unknown, nothing of it far or old. Channels that are not finite become zero.
     ///
     /// # Panics
     /// If `direction` is not 0..6.
@@ -58,6 +64,8 @@ impl VoxelLight {
         self.irradiance[direction] = finite(irradiance);
         self.sky_irradiance[direction] = finite(sky_irradiance);
         self.quality[direction] = quality;
+        self.far[direction] = 0;
+        self.staleness[direction] = 0;
         self.plane[direction] = plane::UNKNOWN;
         self.present |= 1 << direction;
         self.air &= !(1 << direction);
@@ -200,6 +208,8 @@ impl Volume {
                     let (all, sky) = (light.irradiance[direction], light.sky_irradiance[direction]);
                     kept.set(direction, all, sky, light.quality[direction]);
                     kept.plane[direction] = light.plane[direction];
+                    kept.far[direction] = light.far[direction];
+                    kept.staleness[direction] = light.staleness[direction];
                 }
                 surfaces.set(index, &kept);
             }

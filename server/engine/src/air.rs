@@ -211,7 +211,7 @@ impl AirSet {
                     .map(|(&id, slots)| Segment { slots, senders: far.place(id, lineage) })
                     .collect()
             });
-            let (lights, details) = sources.gathered(voxel, segments, far.sent());
+            let (lights, details) = sources.gathered(voxel, segments, &far);
             self.has_news |= lights != voxel.lights || details != voxel.details;
             (voxel.lights, voxel.details) = (lights, details);
             voxel.lit = self.generation;
@@ -300,7 +300,7 @@ impl<'a> Sources<'a> {
         &self,
         voxel: &AirVoxel,
         segments: &[Segment<'_>],
-        far: &[Vec<Vec4>],
+        far: &FarSenders<'_>,
     ) -> (Vec<PatchLight>, Vec<PatchLight>) {
         let (mut lights, mut details) = (Vec::new(), Vec::new());
         for row in voxel.rows.clone() {
@@ -349,7 +349,7 @@ impl<'a> Sources<'a> {
         chunk: &Chunk,
         row: usize,
         segments: &[Segment<'_>],
-        far_senders: &[Vec<Vec4>],
+        far_senders: &FarSenders<'_>,
         viewer: Option<&Viewer>,
     ) -> (PatchLight, Vec4) {
         let rows = &chunk.receivers.rows;
@@ -367,8 +367,7 @@ impl<'a> Sources<'a> {
                 }
                 _ => {
                     far += f64::from(share);
-                    far_light +=
-                        share * far_senders[segment.senders].get(patch).copied().unwrap_or(Vec4::ZERO);
+                    far_light += share * far_senders.sent(segment.senders, patch);
                 }
             }
         }
@@ -384,6 +383,7 @@ impl<'a> Sources<'a> {
             known_share: parts.known(),
             far_share: parts.far.clamp(0.0, 1.0),
             fed_share: 0.0,
+            staleness: 0,
         };
         (light, far_light)
     }

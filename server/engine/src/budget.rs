@@ -1,5 +1,29 @@
 //! What one tick may spend, and how sessions share it.
 
+/// The part of its budgets that a tick may spend.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Effort(f32);
+
+impl Effort {
+    /// All of it.
+    pub(crate) const FULL: Self = Self(1.0);
+
+    /// Nothing for a share that cannot be.
+    pub(crate) fn new(share: f32) -> Option<Self> {
+        (share > 0.0 && share <= 1.0).then_some(Self(share))
+    }
+
+    pub(crate) fn share(self) -> f32 {
+        self.0
+    }
+
+    /// What it leaves of `most`, one at least.
+    pub(crate) fn of(self, most: u32) -> u32 {
+        // A share of a u32 is one.
+        ((f64::from(most) * f64::from(self.0)) as u32).max(1)
+    }
+}
+
 /// How one of those who wait counts among all who still do, itself included.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Weight {
@@ -66,6 +90,13 @@ mod tests {
             }
             assert_eq!((total, budget.share(Weight { own: 1, waiting: 1 })), (most, 0));
         }
+    }
+
+    #[test]
+    fn an_effort_is_a_part_of_a_budget_and_never_nothing() {
+        let half = Effort::new(0.5).unwrap();
+        assert_eq!([half.of(10), half.of(1), Effort::FULL.of(u32::MAX)], [5, 1, u32::MAX]);
+        assert!([0.0, -1.0, 1.1, f32::NAN].map(Effort::new).iter().all(Option::is_none));
     }
 
     #[test]

@@ -49,7 +49,17 @@ pub(crate) struct ChunkTable {
     in_flight_bytes: u64,
     /// Decoded, and nobody wants them: what may go when room is needed.
     spare: BTreeSet<ChunkId>,
+    spare_bytes: u64,
     quarantined: BTreeSet<ChunkId>,
+}
+
+/// Memory that chunks may take, bytes.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Room {
+    /// All of them, those on their way included.
+    pub(crate) decoded_bytes_max: u64,
+    /// Spare ones.
+    pub(crate) spare_bytes_max: u64,
 }
 
 /// What became of a failed tile.
@@ -97,6 +107,7 @@ impl ChunkTable {
             in_flight: 0,
             in_flight_bytes: 0,
             spare: BTreeSet::new(),
+            spare_bytes: 0,
             quarantined: BTreeSet::new(),
             detail: index.detail,
         }
@@ -251,6 +262,7 @@ impl ChunkTable {
         }
         if self.spare.remove(&id) {
             let tile = entry.tile.as_ref().expect("a spare chunk is in memory");
+            self.spare_bytes -= tile.bytes;
             self.casters[usize::from(id.level)].insert(id, Arc::clone(&tile.occluders));
         }
     }
@@ -260,6 +272,7 @@ impl ChunkTable {
     fn make_spare(&mut self, id: ChunkId) {
         self.spare.insert(id);
         let tile = self.entries[&id].tile.as_ref().expect("a spare chunk is in memory");
+        self.spare_bytes += tile.bytes;
         self.casters[usize::from(id.level)].remove(id, &tile.occluders);
     }
 
@@ -284,12 +297,17 @@ impl ChunkTable {
         false
     }
 
-    /// Decoded to Absent for spare chunks until `bytes` fit beside what is in memory and in flight. The first to go is the one
+    /// Memory of the chunks that nobody wants, bytes.
+    pub(crate) fn spare_bytes(&self) -> u64 {
+        self.spare_bytes
+    }
+
+    /// Decoded to Absent for spare chunks until there are not too many and `bytes` fit beside what is in memory and in flight. The first to go is the one
     /// whose time unwanted times its distance from the nearest of `focuses`, in chunks of its level, is largest. Returns how many went.
-    pub(crate) fn make_room(&mut self, bytes: u64, most: u64, focuses: &[Vec3], now_s: f64) -> u64 {
+    pub(crate) fn make_room(&mut self, bytes: u64, room: Room, focuses: &[Vec3], now_s: f64) -> u64 {
         let fits = |table: &Self| {
             let held = table.decoded_bytes.saturating_add(table.in_flight_bytes);
-            held.saturating_add(bytes) <= most
+            held.saturating_add(bytes) <= room.decoded_bytes_max && table.spare_bytes <= room.spare_bytes_max
         };
         if self.spare.is_empty() || fits(self) {
             return 0;
@@ -345,6 +363,7 @@ impl ChunkTable {
         entry.state.advance(ChunkState::Absent);
         let tile = entry.tile.take().expect("a chunk that leaves memory was there");
         self.decoded_bytes -= tile.bytes;
+        self.spare_bytes -= tile.bytes;
         entry.unwanted_since_s = None;
         self.spare.remove(&id);
     }

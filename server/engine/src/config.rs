@@ -32,12 +32,17 @@ pub struct EngineConfig {
     pub tiles_in_flight_max: u32,
     /// Memory for decoded chunks (patches, rows, shadow casters), bytes.
     ///
-    /// Nearest chunks come first. What is not wanted any more stays as long as there is room: who comes back finds it. When room
+    /// Nearest chunks come first. What is not wanted any more stays as long as there is room, up to `spare_bytes_max`. When room
     /// is needed, what has been unwanted longest and lies farthest goes first. Sizes of tiles not yet seen are estimates, so that the
     /// tiles in flight may overshoot it for a tick.
     /// - Higher: a larger `load_radius_m` can be filled.
     /// - Lower: less memory; shadows and light from fewer chunks.
     pub decoded_bytes_max: u64,
+    /// Of that, memory for chunks that no camera wants any more: who turns back finds them. 0 keeps none.
+    ///
+    /// - Higher: less is read again where cameras come and go between the same places; memory grows up to it.
+    /// - Lower: less memory, sooner as much as it will ever be.
+    pub spare_bytes_max: u64,
     /// Memory of the decoded tiles that are taken in a tick, bytes, at least 1; one tile in any case, the others wait.
     ///
     /// Taking a tile checks each of its rows.
@@ -68,12 +73,13 @@ pub struct EngineConfig {
     /// - Higher: light in view is there sooner after a jump; what is behind comes later.
     /// - 0: strictly nearest first.
     pub view_bias: f32,
-    /// Patches added a tick, over all sessions, at least 1. Each costs O(M^2), less in larger batches.
+    /// Patches added a tick to a matrix of the most slots there are, over all sessions, at least 1. Each costs O(M^2), less in
+    /// larger batches.
     ///
-    /// While a local matrix is partly empty adds are cheaper, and up to [`Self::CHEAPER_ADDS_LIMIT`] count as one.
+    /// Where a matrix holds fewer patches, adds are cheaper, and up to [`Self::CHEAPER_SWAPS_LIMIT`] count as one.
     /// - Higher: light arrives sooner after a jump; longer ticks.
     pub adds_per_tick_max: u32,
-    /// Patches removed a tick, over all sessions, at least 1. Each costs O(M^2), less in larger batches.
+    /// Patches removed a tick, over all sessions, at least 1, counted as adds are.
     ///
     /// Lower than `adds_per_tick_max` it also slows adds once the local set is full.
     pub removals_per_tick_max: u32,
@@ -128,6 +134,7 @@ impl Default for EngineConfig {
             sessions_max: 8,
             tiles_in_flight_max: 8,
             decoded_bytes_max: 512 << 20,
+            spare_bytes_max: 64 << 20,
             accepted_bytes_per_tick_max: 16 << 20,
             load_radius_m: 48.0,
             hysteresis: 0.1,
@@ -181,8 +188,8 @@ impl EngineConfig {
     pub const DETAIL_VOXELS_LIMIT: u32 = 32_768;
     /// Largest `receiver_voxels_max`: with the largest resident set a delta is still one message.
     pub const RECEIVER_VOXELS_LIMIT: u32 = 16_384;
-    /// Most adds that are counted as one: adds to a matrix that is mostly empty are cheap.
-    pub const CHEAPER_ADDS_LIMIT: u32 = 8;
+    /// Most adds, or removals, that are counted as one: those of a matrix that is mostly empty are cheap.
+    pub const CHEAPER_SWAPS_LIMIT: u32 = 8;
     /// Largest `sessions_max`.
     pub const SESSIONS_LIMIT: u32 = 1024;
     /// Load radii ahead of a camera at which tiles are asked for at most.

@@ -66,33 +66,37 @@ impl Engine {
         }
     }
 
-    /// Counts what the cameras lack within the promised radius, which doubles with each level.
+    /// Counts what the cameras lack within the radius promised of each level.
     ///
     /// After a jump there is time to recover; what is missing until then is told, and counted as a miss, and is no violation.
     pub(crate) fn hold_promise(&mut self) {
         for session in self.sessions.values_mut() {
             let Some(outlook) = session.outlook else { continue };
-            let radius_m = self.promise.radius_at(session.motion.speed_m_s);
+            let speed_m_s = session.motion.speed_m_s;
             session.missing_near = 0;
-            if radius_m <= 0.0 {
-                continue;
-            }
-            let is_held = self.now_s >= session.motion.held_from_s;
-            self.counters.promised_ticks += u64::from(is_held);
+            let (mut is_promised, mut is_broken) = (false, false);
             for (view, plan) in session.views.iter().zip(self.chunks.levels()) {
-                let reach_m = radius_m * f32::from(1u16 << plan.level.min(15));
+                let radius_m = self.promise.radius_of(plan.level, speed_m_s);
+                if radius_m <= 0.0 {
+                    continue;
+                }
+                is_promised = true;
                 let local = view.local.as_ref();
-                let missing = missing_near(&self.chunks, plan, local, outlook.position, reach_m);
+                let missing = missing_near(&self.chunks, plan, local, outlook.position, radius_m);
                 if missing == 0 {
                     continue;
                 }
+                is_broken = true;
                 self.counters.misses_by_level[usize::from(plan.level).min(LEVELS - 1)] += 1;
                 if plan.level == 0 {
                     session.missing_near = missing;
-                    session.violations += u64::from(is_held);
-                    self.counters.violations += u64::from(is_held);
                 }
             }
+            let is_held = is_promised && self.now_s >= session.motion.held_from_s;
+            let is_violated = is_held && is_broken;
+            self.counters.promised_ticks += u64::from(is_held);
+            session.violations += u64::from(is_violated);
+            self.counters.violations += u64::from(is_violated);
         }
     }
 }

@@ -1,7 +1,7 @@
 //! The engine: events in, one tick's work in a fixed order, commands out. Start at [`Engine::tick`].
 
-use crate::budget::{Budget, Weight, rotated};
-use crate::chunks::{ChunkTable, Failure};
+use crate::budget::{Budget, Effort, Weight, rotated};
+use crate::chunks::{ChunkTable, Failure, Room};
 use crate::config::EngineConfig;
 use crate::error::EngineError;
 use crate::intake::{Arrival, Intake};
@@ -42,6 +42,8 @@ pub struct Engine {
     /// What the view whose turn it was last had had of swaps; see `LevelView::had`.
     pub(crate) swaps_had: u64,
     pub(crate) now_s: f64,
+    /// What ticks may spend of their budgets.
+    pub(crate) effort: Effort,
     pub(crate) counters: Counters,
 }
 
@@ -107,6 +109,7 @@ impl Engine {
             prospect: None,
             swaps_had: 0,
             now_s: 0.0,
+            effort: Effort::FULL,
             counters: Counters::default(),
         })
     }
@@ -137,7 +140,7 @@ impl Engine {
         }
         self.request_tiles(commands);
         for session in self.sessions.values_mut() {
-            session.replan(&self.chunks, &self.config);
+            session.replan(&self.chunks, &self.config, &self.promise);
         }
         let left_for_light = self.swap_patches();
         self.make_room(0);
@@ -157,6 +160,7 @@ impl Engine {
             promised_radius_m: self.promise.radius_m,
             promised_speed_m_s: self.promise.speed_m_s,
             promised_tick_rate_hz: self.promise.means.tick_rate_hz,
+            effort: self.effort.share(),
             spare_chunks: u32::try_from(self.chunks.spare().len()).unwrap_or(u32::MAX),
             sessions: self.sessions.values().map(Session::stats).collect(),
         }
@@ -181,6 +185,10 @@ impl Engine {
             Event::Lights { session, lights } => self.take_lights(session, lights),
             Event::Solver { solver } => self.take_solver(solver),
             Event::Pace { tick_rate_hz } => self.take_pace(tick_rate_hz),
+            Event::Effort { share } => match Effort::new(share) {
+                Some(effort) => self.effort = effort,
+                None => self.counters.ignored.paces += 1,
+            },
             Event::TileDecoded { chunk, occluders, lineage } => self.take_tile(chunk, lineage, occluders),
             Event::TileFailed { chunk, cause } => {
                 if self.chunks.awaits(chunk) && !self.intake.holds(chunk) {
@@ -273,8 +281,9 @@ impl Engine {
     fn make_room(&mut self, bytes: u64) {
         let focuses: Vec<Vec3> =
             self.sessions.values().filter_map(|session| Some(session.outlook?.focus)).collect();
-        let most = self.config.decoded_bytes_max;
-        self.counters.evicted += self.chunks.make_room(bytes, most, &focuses, self.now_s);
+        let EngineConfig { decoded_bytes_max, spare_bytes_max, .. } = self.config;
+        let room = Room { decoded_bytes_max, spare_bytes_max };
+        self.counters.evicted += self.chunks.make_room(bytes, room, &focuses, self.now_s);
     }
 
     fn fail_tile(&mut self, id: ChunkId, cause: &str) {
@@ -377,7 +386,7 @@ impl Engine {
                 continue;
             }
             let quality = session.measure_quality(&self.chunks);
-            if let Some(frame) = session.next_frame(&self.chunks, quality, self.now_s) {
+            if let Some(frame) = session.next_frame(&self.chunks, quality, self.now_s, tick) {
                 self.counters.frames += 1;
                 commands.push(Command::PublishFrame { frame });
             }
@@ -391,7 +400,7 @@ impl Engine {
 
     /// Gathers light in empty air, each session for its share of the tick's budget.
     fn gather_air(&mut self) {
-        let mut budget = Budget::new(self.config.receiver_rows_per_tick_max);
+        let mut budget = Budget::new(self.effort.of(self.config.receiver_rows_per_tick_max));
         let waiting: Vec<_> = self
             .sessions
             .iter()

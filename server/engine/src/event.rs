@@ -41,11 +41,17 @@ pub enum Event {
         /// How.
         solver: SolverConfig,
     },
-    /// How fast ticks come while there is much to do: the promise counts on it from now on. A rate that cannot be is ignored
-    /// and counted.
+    /// How fast ticks that spend all of their budgets would come: the promise counts on it from now on. A rate that cannot be is
+    /// ignored and counted.
     Pace {
         /// Ticks a second, above zero.
         tick_rate_hz: f32,
+    },
+    /// Which part of its budgets for swaps, rays and receivers a tick may spend from now on: ticks that take too long spread
+    /// their work. One that cannot be is ignored and counted.
+    Effort {
+        /// Above 0, at most 1.
+        share: f32,
     },
     /// A requested tile is here, verified and decoded.
     TileDecoded {

@@ -9,6 +9,7 @@ use crate::row_split::{NOBODY, RowSplit};
 use crate::slots::{FREE, SlotTable};
 use earthshine_world::lineage::{Lineage, Parents};
 use earthshine_world::{Chunk, ChunkId, Rgb, Vec4};
+use std::cell::Cell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -154,19 +155,31 @@ impl FarField {
         split
     }
 
-    /// What each parent sends (red, green, blue, and one if that is known, else all zero), in the list of all parents.
-    fn sent(&self, coarser: &[Option<&LocalSet>]) -> Vec<Vec4> {
-        let exitances = exitances_of(coarser);
-        let mut sent = Vec::with_capacity(self.parent_count);
-        for block in self.blocks.iter().flatten() {
-            let ancestry = Ancestry::of(block.chunk, &block.lineage, coarser, &exitances);
-            sent.extend(
-                (0..block.parent_count).map(|parent| {
-                    ancestry.exitance(parent).map_or(Vec4::ZERO, |exitance| exitance.extend(1.0))
-                }),
-            );
+    /// Who stands for the parents of each block.
+    fn ancestries<'a>(
+        &'a self,
+        coarser: &[Option<&'a LocalSet>],
+        exitances: &'a [Vec<Rgb>],
+    ) -> Vec<Option<Ancestry<'a>>> {
+        let of = |block: &'a Block| Ancestry::of(block.chunk, &block.lineage, coarser, exitances);
+        self.blocks.iter().map(|block| block.as_ref().map(of)).collect()
+    }
+}
+
+/// What one parent sends: red, green, blue, and one if that is known, else all zero. Of the many parents that rows may lead to few are
+/// asked for, most of those by many rows: what is asked for is worked out once.
+#[derive(Debug, Clone)]
+struct Sent(Cell<Vec4>);
+
+impl Sent {
+    /// Not asked for yet.
+    const UNKNOWN: Self = Self(Cell::new(Vec4::NEG_ONE));
+
+    fn get(&self, exitance: impl FnOnce() -> Option<Rgb>) -> Vec4 {
+        if self.0.get().w < 0.0 {
+            self.0.set(exitance().map_or(Vec4::ZERO, |exitance| exitance.extend(1.0)));
         }
-        sent
+        self.0.get()
     }
 }
 
@@ -174,7 +187,7 @@ impl FarField {
 struct Generation<'a> {
     slots: &'a [u32],
     exitances: &'a [Rgb],
-    parents: Option<&'a Parents>,
+    parents: Option<Parents>,
 }
 
 /// The levels from a block's own on, finest first.
@@ -184,7 +197,7 @@ impl<'a> Ancestry<'a> {
     /// Of the patches of `chunk`, which is of the level of the first of `coarser`.
     fn of(
         mut chunk: ChunkId,
-        lineage: &'a Lineage,
+        lineage: &Lineage,
         coarser: &[Option<&'a LocalSet>],
         exitances: &'a [Vec<Rgb>],
     ) -> Self {
@@ -192,7 +205,7 @@ impl<'a> Ancestry<'a> {
         for (view, exitances) in coarser.iter().zip(exitances) {
             let table = view.and_then(|view| view.slots_of(chunk));
             let slots = table.map_or(&[][..], SlotTable::slots);
-            generations.push(Generation { slots, exitances, parents: lineage.of(chunk) });
+            generations.push(Generation { slots, exitances, parents: lineage.of(chunk).cloned() });
             chunk = chunk.parent();
         }
         Self(generations)
@@ -204,50 +217,57 @@ impl<'a> Ancestry<'a> {
             if let Some(&slot) = generation.slots.get(local).filter(|&&slot| slot != FREE) {
                 return Some(generation.exitances[slot as usize]);
             }
-            local = usize::from(*generation.parents?.get(local)?);
+            local = usize::from(*generation.parents.as_ref()?.get(local)?);
         }
         None
     }
 }
 
-fn exitances_of(views: &[Option<&LocalSet>]) -> Vec<Vec<Rgb>> {
+/// What leaves the patches of each of `views`, by slot, lm/m2.
+pub(crate) fn exitances_of(views: &[Option<&LocalSet>]) -> Vec<Vec<Rgb>> {
     views.iter().map(|view| view.map(LocalSet::exitances).unwrap_or_default()).collect()
 }
 
 /// What stands for patches that are not resident, by chunk: worked out once for the many rows that lead there.
 pub(crate) struct FarSenders<'a> {
     coarser: Vec<Option<&'a LocalSet>>,
-    exitances: Vec<Vec<Rgb>>,
+    exitances: &'a [Vec<Rgb>],
     places: BTreeMap<ChunkId, usize>,
-    /// By place, then by patch: red, green, blue, and one if that is known, else all zero.
-    sent: Vec<Vec<Vec4>>,
+    chunks: Vec<SendingChunk<'a>>,
+}
+
+/// Who stands for the patches of one chunk.
+struct SendingChunk<'a> {
+    parents: Option<Parents>,
+    ancestry: Ancestry<'a>,
+    /// By patch; one that is not listed has no parent.
+    sent: Vec<Sent>,
 }
 
 impl<'a> FarSenders<'a> {
-    /// `coarser` views, finest first, one a level.
-    pub(crate) fn new(coarser: Vec<Option<&'a LocalSet>>) -> Self {
-        let exitances = exitances_of(&coarser);
-        Self { coarser, exitances, places: BTreeMap::new(), sent: Vec::new() }
+    /// `coarser` views, finest first, one a level, and their [`exitances_of`].
+    pub(crate) fn new(coarser: Vec<Option<&'a LocalSet>>, exitances: &'a [Vec<Rgb>]) -> Self {
+        Self { coarser, exitances, places: BTreeMap::new(), chunks: Vec::new() }
     }
 
-    /// Where the patches of `chunk` are in [`Self::sent`].
+    /// The number by which [`Self::sent`] knows `chunk`.
     pub(crate) fn place(&mut self, chunk: ChunkId, lineage: &Lineage) -> usize {
         if let Some(&place) = self.places.get(&chunk) {
             return place;
         }
-        let parents: &[u16] = lineage.of(chunk).map_or(&[], |parents| parents);
-        let ancestry = Ancestry::of(chunk.parent(), lineage, &self.coarser, &self.exitances);
-        let sent = |&parent: &u16| {
-            ancestry.exitance(usize::from(parent)).map_or(Vec4::ZERO, |exitance| exitance.extend(1.0))
-        };
-        self.sent.push(parents.iter().map(sent).collect());
-        self.places.insert(chunk, self.sent.len() - 1);
-        self.sent.len() - 1
+        let parents = lineage.of(chunk).cloned();
+        let ancestry = Ancestry::of(chunk.parent(), lineage, &self.coarser, self.exitances);
+        let sent = vec![Sent::UNKNOWN; parents.as_ref().map_or(0, |parents| parents.len())];
+        self.chunks.push(SendingChunk { parents, ancestry, sent });
+        self.places.insert(chunk, self.chunks.len() - 1);
+        self.chunks.len() - 1
     }
 
-    /// By place, then by patch. A patch that is not listed has no parent.
-    pub(crate) fn sent(&self) -> &[Vec<Vec4>] {
-        &self.sent
+    /// What stands for patch `patch` of the chunk at `place`: red, green, blue, and one if that is known, else all zero.
+    pub(crate) fn sent(&self, place: usize, patch: usize) -> Vec4 {
+        let SendingChunk { parents, ancestry, sent } = &self.chunks[place];
+        let (Some(sent), Some(parents)) = (sent.get(patch), parents) else { return Vec4::ZERO };
+        sent.get(|| ancestry.exitance(usize::from(parents[patch])))
     }
 }
 
@@ -255,14 +275,20 @@ impl<'a> FarSenders<'a> {
 /// local set for now is passed over. Returns whether any changed.
 pub(crate) fn gather(local: &mut LocalSet, coarser: &[Option<&LocalSet>]) -> bool {
     let Some(field) = &local.far else { return false };
-    let sent = field.sent(coarser);
+    let exitances = exitances_of(coarser);
+    let ancestries = field.ancestries(coarser, &exitances);
+    let sent = vec![Sent::UNKNOWN; field.parent_count];
+    let sent = |far: &FarShare| {
+        let (block, parent) = (far.block as usize, usize::from(far.parent));
+        let at = field.starts[block] as usize + parent;
+        sent[at].get(|| ancestries[block].as_ref().and_then(|ancestry| ancestry.exitance(parent)))
+    };
     let mut changed = false;
     for resident in local.residents.iter_mut().flatten() {
         // Some hundred products of one sign: `f32` is enough.
         let mut sum = Vec4::ZERO;
         for far in resident.split.parents.iter().filter(|far| far.share > 0.0) {
-            sum +=
-                far.share as f32 * sent[field.starts[far.block as usize] as usize + usize::from(far.parent)];
+            sum += far.share as f32 * sent(far);
         }
         changed |= (sum.truncate(), sum.w) != (resident.light.far_irradiance, resident.fed_share);
         resident.light.far_irradiance = sum.truncate();

@@ -24,6 +24,9 @@ pub struct PatchLight {
     pub far_share: f32,
     /// Of the far share: what coarse levels bring, 0..=1. The rest of it is a gap that brings no light.
     pub fed_share: f32,
+    /// Of a patch: how old its direct light is. 0 where it is up to date; where lights or casters have changed since, one more than
+    /// the binary logarithm of its age in ticks, rounded down. 0 of a receiver.
+    pub staleness: u8,
 }
 
 /// Light of one coarse level.

@@ -14,7 +14,7 @@
 //! | E9 detail voxels | light of detail is finite and ascending |
 //! | E10 pinned | a settled pinned level is resident, all of it that is not refused or given up |
 //! | E11 far | far columns by parent are no more than the far part; what is fed is no more than that; parents are counted |
-//! | E12 spare | spare chunks are Decoded, wanted by nobody, and those alone; what waits to be taken is Requested, once |
+//! | E12 spare | spare chunks are Decoded, wanted by nobody, those alone, and weigh what was counted; what waits to be taken is Requested, once |
 //! | E13 promise | violations are ticks held against the promise; what a frame says is missing is missing |
 
 use crate::PatchLight;
@@ -113,6 +113,9 @@ impl Engine {
 
     fn check_spare(&self) -> Result<(), InvariantError> {
         let spare = self.chunks.spare();
+        let bytes: u64 = spare.iter().filter_map(|&id| Some(self.chunks.tile(id)?.bytes)).sum();
+        let counted = self.chunks.spare_bytes();
+        ensure("E12 spare", counted == bytes, || format!("{counted} bytes counted, {bytes} there"))?;
         for (id, entry) in self.chunks.iter() {
             let is_idle = entry.state == ChunkState::Decoded && !self.is_wanted(id);
             ensure("E12 spare", spare.contains(&id) == is_idle, || format!("{id} is {:?}", entry.state))?;

@@ -20,6 +20,11 @@ const REPAIR_COLUMNS_A_TICK: u32 = 32;
 /// Drift beyond which a repair, which squares it, would take rounds; then the matrix is solved afresh.
 const REPAIRABLE_DRIFT: f32 = 0.1;
 
+/// Every so many ticks a coarse view's light is advanced where nothing is urgent: light from afar may be that old.
+const COARSE_TURN_TICKS: u64 = 4;
+/// Changes of the slots aimed at wait until they are this part of them.
+const TARGET_STEP: u32 = 8;
+
 /// A chunk that the session's camera wants, as far as its plan depends on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct WantedChunk {
@@ -44,12 +49,16 @@ pub(crate) struct LevelView {
     /// Ascending by id.
     chunks: Vec<WantedChunk>,
     pub(crate) plan: SwapPlan,
+    /// Slots that the camera can be kept supplied with at its speed.
+    pub(crate) target: u32,
     /// Where the plan measured distances from.
     pub(crate) focus: Vec3,
     pub(crate) is_plan_old: bool,
     pub(crate) are_sources_old: bool,
     /// Whether the far columns changed after far light was gathered.
     pub(crate) is_far_old: bool,
+    /// Whether its light is not to wait for its turn: patches have come or gone, or lights have changed.
+    pub(crate) is_urgent: bool,
     /// Whether what leaves its patches changed, or whose it is, after the finer views gathered.
     pub(crate) sends_news: bool,
     /// Whether light or row parts may differ from `published`.
@@ -73,10 +82,12 @@ impl LevelView {
             local: None,
             chunks: Vec::new(),
             plan: SwapPlan::default(),
+            target: u32::MAX,
             focus: Vec3::ZERO,
             is_plan_old: true,
             are_sources_old: true,
             is_far_old: true,
+            is_urgent: true,
             sends_news: true,
             has_news: true,
             had: 0,
@@ -95,6 +106,8 @@ impl LevelView {
     /// Sky, emission or lights have changed.
     pub(crate) fn outdate_sources(&mut self) {
         self.are_sources_old = true;
+        self.is_urgent = true;
+        self.has_news = true;
     }
 
     /// Takes the chunks of its level wanted now, ascending.
@@ -121,9 +134,20 @@ impl LevelView {
         let is_due = std::mem::take(&mut self.is_plan_old);
         if is_due {
             self.focus = outlook.focus;
-            self.plan = plan_swaps(outlook, &self.loaded(table), local, config.hysteresis);
+            self.plan = plan_swaps(outlook, &self.loaded(table), local, config.hysteresis, self.target);
         }
         is_due
+    }
+
+    /// Takes how many slots a plan may fill, as many as there are for nothing. Small changes wait: a speed that wavers swaps nothing.
+    pub(crate) fn aim_at(&mut self, slots: Option<u32>) {
+        let capacity = self.local.as_ref().map_or(u32::MAX, LocalSet::capacity);
+        let slots = slots.unwrap_or(u32::MAX).min(capacity);
+        let is_small = slots.abs_diff(self.target) < self.target.min(capacity) / TARGET_STEP;
+        if slots != self.target && (!is_small || slots == capacity) {
+            self.target = slots;
+            self.is_plan_old = true;
+        }
     }
 
     /// Whether there is something to swap.
@@ -174,14 +198,25 @@ impl LevelView {
         let stale = relight.stale_slots(&local);
         let (lit, spent) = relight.light(&mut local, &stale, most);
         self.are_sources_old |= lit > 0;
+        self.has_news |= !stale.is_empty();
         self.local = Some(local);
         counters.slots_lit += u64::from(lit);
         counters.rays += u64::from(spent);
         spent
     }
 
+    /// Whether its light is advanced in this tick. Level 0's always is; coarser ones, which others but see from afar, take turns
+    /// unless there is something that must not wait.
+    fn is_due(&self, tick: u64) -> bool {
+        let goes_on = || self.local.as_ref().is_some_and(|local| !local.backend.is_settled());
+        self.level == 0
+            || self.is_urgent
+            || tick.wrapping_add(u64::from(self.level)).is_multiple_of(COARSE_TURN_TICKS)
+            || goes_on()
+    }
+
     /// Tends the matrix, gathers far light from `coarser` views (finest first; advanced before), hands changed sources
-    /// over, steps the backend and reads the light. Returns whether the light changed in this tick, or whose it is.
+    /// over, steps the backend and reads the light, if it is due. Returns whether the light changed in this tick, or whose it is.
     ///
     /// # Errors
     /// Whatever a backend says: it is of no more use.
@@ -193,12 +228,13 @@ impl LevelView {
         tick: u64,
         counters: &mut Counters,
     ) -> Result<bool, BackendError> {
-        if self.local.is_none() {
+        if self.local.is_none() || !self.is_due(tick) {
             return Ok(false);
         }
+        self.is_urgent = false;
         self.tend_matrix(config, tick, counters)?;
         let Some(local) = &mut self.local else { return Ok(false) };
-        if std::mem::take(&mut self.is_far_old) | coarser.iter().any(|view| view.sends_news) {
+        if std::mem::take(&mut self.is_far_old) {
             let coarser: Vec<_> = coarser.iter().map(|view| view.local.as_ref()).collect();
             let changed = far::gather(local, &coarser);
             self.are_sources_old |= changed;
@@ -298,16 +334,24 @@ impl LevelView {
         self.is_plan_old = true;
         self.are_sources_old = true;
         self.is_far_old = true;
+        self.is_urgent = true;
         self.sends_news = true;
         self.has_news = true;
+    }
+
+    /// Whether some of its light waits for its turn.
+    fn has_work(&self) -> bool {
+        let needs_step = self.local.as_ref().is_some_and(|local| local.needs_step);
+        self.are_sources_old || self.is_far_old || needs_step
     }
 
     /// How complete its light is; settled of itself.
     pub(crate) fn quality(&self, table: &ChunkTable, lighting: &Lighting) -> FrameQuality {
         let Some(local) = &self.local else { return FrameQuality::default() };
         let offered: u64 = self.chunks.iter().map(|chunk| u64::from(chunk.patch_count)).sum();
-        let wanted =
-            offered.saturating_sub(u64::from(local.refused_count())).min(u64::from(local.capacity()));
+        let wanted = offered
+            .saturating_sub(u64::from(local.refused_count()))
+            .min(u64::from(local.capacity().min(self.target)));
         let stale_direct = self.stale_count(table, lighting);
         let is_loaded = self.chunks.iter().all(|chunk| chunk.has_tile);
         FrameQuality {
@@ -318,6 +362,7 @@ impl LevelView {
             settled: is_loaded
                 && stale_direct == 0
                 && !self.is_plan_old
+                && !self.has_work()
                 && self.plan.is_empty()
                 && local.is_at_rest(),
         }
@@ -325,13 +370,23 @@ impl LevelView {
 
     /// The light of every slot, in the order of frames, and whether it differs from what was told before: what has
     /// not changed is the same allocation.
-    pub(crate) fn publish(&mut self, voxel_edge_m: f32) -> (Arc<[PatchLight]>, bool) {
+    pub(crate) fn publish(
+        &mut self,
+        table: &ChunkTable,
+        lighting: &Lighting,
+        tick: u64,
+    ) -> (Arc<[PatchLight]>, bool) {
         let mut is_new = false;
+        let relight = self.relight(table, lighting, tick);
+        let voxel_edge_m = table.levels()[usize::from(self.level)].grid.voxel_edge_m;
         if std::mem::take(&mut self.has_news) {
             let lights: Vec<PatchLight> = match &mut self.local {
                 Some(local) => {
                     local.sort_for_frames();
-                    local.in_frame_order().map(|resident| patch_light(resident, voxel_edge_m)).collect()
+                    local
+                        .in_frame_order()
+                        .map(|resident| patch_light(resident, voxel_edge_m, &relight))
+                        .collect()
                 }
                 None => Vec::new(),
             };
@@ -344,7 +399,7 @@ impl LevelView {
     }
 }
 
-fn patch_light(resident: &Resident, voxel_edge_m: f32) -> PatchLight {
+fn patch_light(resident: &Resident, voxel_edge_m: f32, relight: &Relight<'_>) -> PatchLight {
     PatchLight {
         voxel: resident.patch.voxel,
         direction: resident.patch.direction,
@@ -354,5 +409,6 @@ fn patch_light(resident: &Resident, voxel_edge_m: f32) -> PatchLight {
         known_share: resident.parts().known(),
         far_share: resident.parts().far.clamp(0.0, 1.0),
         fed_share: resident.fed_share.clamp(0.0, 1.0),
+        staleness: relight.staleness(&resident.light),
     }
 }

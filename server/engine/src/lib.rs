@@ -13,8 +13,8 @@
 //! | take events; take tiles that came | [`engine`], `intake` | what the shell hands over; `accepted_bytes_per_tick_max` |
 //! | which chunks are wanted; let the others go | `schedule`, `chunks`, [`residency`] | `load_radius_m`, `decoded_bytes_max` |
 //! | ask for tiles, most urgent first | `schedule`, `priority` | `tiles_in_flight_max` |
-//! | which patches are nearest | `priority` | `resident_patches_max` |
-//! | remove, add, light the new ones | `turns`, `swaps`, `local_set`, `slots`, `row_split` | `removals_per_tick_max`, `adds_per_tick_max` |
+//! | which patches are nearest, and how many a camera at its speed is given | `priority`, `flow` | `resident_patches_max` |
+//! | remove, add, light the new ones | `turns`, `swaps`, `swap_price`, `local_set`, `slots`, `row_split` | `removals_per_tick_max`, `adds_per_tick_max` |
 //! | light what is out of date | `relight`, `direct`, `shadow_reach` | `shadow_points_per_tick_max` |
 //! | far light, sources to the backends, step, read, the coarsest level first | `far`, `relight`, `level_view` | |
 //! | gather light in empty air | `air` | `receiver_rows_per_tick_max` |
@@ -39,11 +39,13 @@ mod budget;
 mod chunks;
 pub mod config;
 mod coverage;
+pub mod crowding;
 mod direct;
 pub mod engine;
 pub mod error;
 pub mod event;
 mod far;
+mod flow;
 pub mod frame;
 mod intake;
 pub mod invariant;
@@ -61,6 +63,7 @@ mod shadow_reach;
 mod slots;
 pub mod solver_config;
 pub mod stats;
+mod swap_price;
 mod swaps;
 #[cfg(test)]
 mod tests;
@@ -68,12 +71,13 @@ mod tile;
 mod turns;
 
 pub use config::{ConfigError, EngineConfig};
+pub use crowding::Crowding;
 pub use engine::{BackendFactory, Engine};
 pub use error::EngineError;
 pub use event::{Command, Event, SessionId};
 pub use frame::{Frame, FrameQuality, LevelLight, PatchLight};
 pub use invariant::InvariantError;
-pub use promise::{Crowding, Means, Promise, Prospect};
+pub use promise::{Means, Promise, Prospect};
 pub use residency::ChunkState;
 pub use solver_config::SolverConfig;
 pub use stats::{ChunkCounts, Counters, EngineStats, IgnoredEvents, SessionStats, TickStats};

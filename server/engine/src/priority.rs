@@ -25,9 +25,9 @@ pub(crate) struct Outlook {
 }
 
 impl Outlook {
-    /// Of a valid camera.
-    pub(crate) fn of(camera: &Camera, config: &EngineConfig) -> Self {
-        let focus = ahead(camera, config.look_ahead_s, config.load_radius_m * 0.5);
+    /// Of a valid camera, led by at most `lead_max_m`.
+    pub(crate) fn of(camera: &Camera, config: &EngineConfig, lead_max_m: f32) -> Self {
+        let focus = ahead(camera, config.look_ahead_s, lead_max_m.min(config.load_radius_m * 0.5));
         let way_max_m = config.load_radius_m * f32::from(EngineConfig::TILE_WAY_RADII);
         let end = ahead(camera, config.tile_look_ahead_s, way_max_m);
         // A shorter look ahead for tiles than for patches leaves no way.
@@ -73,7 +73,7 @@ pub(crate) struct SwapPlan {
     pub(crate) adds: Vec<PatchId>,
     /// Resident, and their chunk is not wanted: these go in any case.
     pub(crate) forced: Vec<PatchId>,
-    /// Resident, and one of `adds` is nearer: these go when it comes. Nearest first: taken from the end.
+    /// Resident, and one of `adds` is nearer, or more are resident than should be: these go when it comes. Nearest first: taken from the end.
     pub(crate) displaced: Vec<PatchId>,
 }
 
@@ -94,12 +94,13 @@ struct Candidate {
 
 /// The nearest patches of `chunks` (ascending by id) against what `local` holds.
 ///
-/// Residents count as nearer by `hysteresis`. What `local` was refused is left out.
+/// Residents count as nearer by `hysteresis`. What `local` was refused is left out, and what is beyond the nearest `slots`.
 pub(crate) fn plan_swaps(
     outlook: &Outlook,
     chunks: &[&Arc<Chunk>],
     local: &LocalSet,
     hysteresis: f32,
+    slots: u32,
 ) -> SwapPlan {
     let resident_scale = (1.0 + hysteresis).powi(-2);
     let mut candidates = Vec::new();
@@ -116,7 +117,7 @@ pub(crate) fn plan_swaps(
             candidates.push(Candidate { distance, patch: id, is_resident });
         }
     }
-    let capacity = local.capacity() as usize;
+    let capacity = local.capacity().min(slots) as usize;
     let beyond = if candidates.len() > capacity {
         candidates.select_nth_unstable(capacity);
         candidates.split_off(capacity)
@@ -172,7 +173,7 @@ mod tests {
         let config = EngineConfig { load_radius_m: 10.0, ..EngineConfig::default() };
         let stops = |velocity: f32| {
             let camera = Camera { position: Vec3::X, forward: Vec3::X, velocity: Vec3::X * velocity };
-            Outlook::of(&camera, &config).stops(10.0).collect::<Vec<_>>()
+            Outlook::of(&camera, &config, f32::INFINITY).stops(10.0).collect::<Vec<_>>()
         };
         assert_eq!(stops(0.0), [(Vec3::X, 0.0)]);
         for velocity in [1.0, 20.0, 2778.0, f32::MAX] {
@@ -187,12 +188,12 @@ mod tests {
     fn what_lies_in_view_comes_first_and_nothing_comes_nearer_than_it_is() {
         let camera = Camera { position: Vec3::ZERO, forward: Vec3::X * 3.0, velocity: Vec3::ZERO };
         let config = EngineConfig { view_bias: 1.0, ..EngineConfig::default() };
-        let outlook = Outlook::of(&camera, &config);
+        let outlook = Outlook::of(&camera, &config, f32::INFINITY);
         let urgency = |place: Vec3| outlook.urgency(place.length(), place);
         assert_eq!(urgency(Vec3::X * 2.0), 2.0);
         assert_eq!(urgency(Vec3::X * -2.0), 4.0);
         assert_eq!(urgency(Vec3::Y * 2.0), 3.0);
-        let nowhere = Outlook::of(&Camera { forward: Vec3::ZERO, ..camera }, &config);
+        let nowhere = Outlook::of(&Camera { forward: Vec3::ZERO, ..camera }, &config, f32::INFINITY);
         assert!(nowhere.urgency(2.0, Vec3::Y * 2.0).is_finite());
         assert_eq!(outlook.urgency(0.0, Vec3::ZERO), 0.0);
     }

@@ -124,6 +124,15 @@ impl<'a> Relight<'a> {
         }
     }
 
+    /// How old direct light is, as [`PatchLight::staleness`](crate::PatchLight) says it.
+    pub(crate) fn staleness(&self, light: &SlotLight) -> u8 {
+        if light.lit == Some(self.stamp) {
+            return 0;
+        }
+        // At most 64.
+        1 + self.tick.saturating_sub(light.lit_tick).max(1).ilog2() as u8
+    }
+
     /// Slots whose direct light is out of date.
     pub(crate) fn stale_count(&self, local: &LocalSet) -> u32 {
         let count = local.iter().filter(|(_, resident)| resident.light.lit != Some(self.stamp)).count();

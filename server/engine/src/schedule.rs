@@ -129,8 +129,8 @@ pub(crate) fn next_requests(
     if flights == 0 {
         return Vec::new();
     }
-    let spare: u64 = chunks.spare().iter().filter_map(|&id| Some(chunks.get(id)?.bytes)).sum();
-    let mut bytes = chunks.decoded_bytes().saturating_add(chunks.in_flight_bytes()).saturating_sub(spare);
+    let held = chunks.decoded_bytes().saturating_add(chunks.in_flight_bytes());
+    let mut bytes = held.saturating_sub(chunks.spare_bytes());
     let mut requests = Vec::new();
     for &id in most_urgent_first {
         let Some(entry) = chunks.get(id) else { continue };

@@ -5,7 +5,7 @@
 use crate::air::AirSet;
 use crate::chunks::ChunkTable;
 use crate::config::EngineConfig;
-use crate::far::FarSenders;
+use crate::far::{FarSenders, exitances_of};
 use crate::frame::LevelLight;
 use crate::level_view::{LevelView, Lighting, WantedChunk};
 use crate::levels::LevelPlan;
@@ -80,7 +80,8 @@ impl Session {
         now_s: f64,
     ) -> bool {
         self.motion = self.motion.next(self.outlook.map(|outlook| outlook.position), camera, promise, now_s);
-        let outlook = Some(Outlook::of(camera, config));
+        let lead_max_m = promise.lead_max_m(self.motion.speed_m_s);
+        let outlook = Some(Outlook::of(camera, config, lead_max_m));
         let has_moved = outlook != self.outlook;
         self.outlook = outlook;
         if has_moved {
@@ -112,9 +113,10 @@ impl Session {
     }
 
     /// Compares what is resident with what is nearest, where either may have changed.
-    pub(crate) fn replan(&mut self, table: &ChunkTable, config: &EngineConfig) {
+    pub(crate) fn replan(&mut self, table: &ChunkTable, config: &EngineConfig, promise: &Promise) {
         let Some(outlook) = self.outlook else { return };
         for view in &mut self.views {
+            view.aim_at(promise.slots_at(view.level, self.motion.speed_m_s));
             let is_new = view.replan(&outlook, table, config);
             if is_new && view.level == 0 {
                 let (loaded, voxels_max) = (view.loaded(table), config.receiver_voxels_max as usize);
@@ -136,7 +138,11 @@ impl Session {
         let mut is_new = false;
         for at in (0..self.views.len()).rev() {
             let (finer, coarser) = self.views.split_at_mut(at + 1);
-            is_new |= finer[at].advance(coarser, &self.lighting.rig, config, tick, counters)?;
+            let (view, finer) = finer.split_last_mut().expect("the view itself is there");
+            if view.advance(coarser, &self.lighting.rig, config, tick, counters)? {
+                is_new = true;
+                finer.iter_mut().for_each(|view| view.is_far_old = true);
+            }
         }
         if is_new {
             self.air.outdate();
@@ -148,7 +154,9 @@ impl Session {
     /// Gathers light in empty air that is out of date, for up to `rows_max` rows. Returns the rows spent.
     pub(crate) fn gather_air(&mut self, rows_max: u32) -> u32 {
         let Some(local) = &self.views[0].local else { return 0 };
-        let far = FarSenders::new(self.views[1..].iter().map(|view| view.local.as_ref()).collect());
+        let coarser: Vec<_> = self.views[1..].iter().map(|view| view.local.as_ref()).collect();
+        let exitances = exitances_of(&coarser);
+        let far = FarSenders::new(coarser, &exitances);
         self.air.gather(local, far, &self.lighting.rig, rows_max)
     }
 
@@ -176,6 +184,7 @@ impl Session {
         table: &ChunkTable,
         quality: FrameQuality,
         now_s: f64,
+        tick: u64,
     ) -> Option<Arc<Frame>> {
         if self.outlook.is_none() || self.views[0].local.is_none() {
             return None;
@@ -183,7 +192,7 @@ impl Session {
         let mut is_new = self.told != Some(quality);
         let mut levels = Vec::with_capacity(self.views.len());
         for (view, plan) in self.views.iter_mut().zip(table.levels()) {
-            let (patches, has_changed) = view.publish(plan.grid.voxel_edge_m);
+            let (patches, has_changed) = view.publish(table, &self.lighting, tick);
             is_new |= has_changed;
             levels.push(LevelLight { level: plan.level, patches });
         }

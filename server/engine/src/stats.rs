@@ -16,7 +16,7 @@ pub struct IgnoredEvents {
     pub tiles: u64,
     /// Choices of solvers that cannot be.
     pub solvers: u64,
-    /// Rates of ticks that cannot be.
+    /// Rates of ticks, and efforts, that cannot be.
     pub paces: u64,
     /// Ticks whose time was not a number or before the last tick's.
     pub times: u64,
@@ -60,6 +60,9 @@ pub struct Counters {
     pub removes: u64,
     /// Patches that left one all together, after a jump of the camera.
     pub cleared: u64,
+    /// What swaps cost: adds or removals, whichever was more, in parts of one in the largest matrix,
+    /// [`CHEAPER_SWAPS_LIMIT`](crate::EngineConfig::CHEAPER_SWAPS_LIMIT) of them.
+    pub swap_work: u64,
     /// Patches that a backend refused for a weak pivot.
     pub weak_pivots: u64,
     /// Patches that a backend refused for another reason.
@@ -86,9 +89,9 @@ pub struct Counters {
     pub evicted: u64,
     /// Ticks times sessions that were held against the promise.
     pub promised_ticks: u64,
-    /// Of those, with a patch of level 0 missing inside the promised radius.
+    /// Of those, with a patch of any level missing inside the radius promised of it.
     pub violations: u64,
-    /// Ticks times sessions, jumps included, with a patch missing inside the promised radius of level 0, twice that of level 1, and so on.
+    /// Ticks times sessions, jumps included, with a patch missing inside the radius promised of its level.
     pub misses_by_level: [u64; LEVELS],
 }
 
@@ -117,6 +120,7 @@ impl Counters {
             adds: self.adds - earlier.adds,
             removes: self.removes - earlier.removes,
             cleared: self.cleared - earlier.cleared,
+            swap_work: self.swap_work - earlier.swap_work,
             weak_pivots: self.weak_pivots - earlier.weak_pivots,
             refused_adds: self.refused_adds - earlier.refused_adds,
             backend_failures: self.backend_failures - earlier.backend_failures,
@@ -225,6 +229,8 @@ pub struct EngineStats {
     pub promised_speed_m_s: f32,
     /// Ticks a second that the promise counts on.
     pub promised_tick_rate_hz: f32,
+    /// The part of its budgets that a tick may spend, 0..=1.
+    pub effort: f32,
     /// Chunks in memory that nobody wants: they go when room is needed.
     pub spare_chunks: u32,
     /// Open sessions, ascending.

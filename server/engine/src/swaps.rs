@@ -2,18 +2,19 @@
 //!
 //! Where a camera jumped and nothing that is resident is wanted any more, all of it goes at once. A matrix that is mostly empty
 //! is cheap to grow: work counts by the square of how full it is, so that light is there soon after.
+//!
+//! A camera on the move is given fewer slots ([`crate::flow`]): where more are taken, more go than come.
 
 use crate::chunks::ChunkTable;
-use crate::config::EngineConfig;
 use crate::level_view::{LevelView, Lighting};
 use crate::local_set::LocalSet;
 use crate::stats::Counters;
+use crate::swap_price::{adds_for, largest_matrix, price};
 use earthshine_radiosity::BackendError;
 
-/// Work on swaps: what may be done, or what was.
+/// Work on swaps: what may be done, or what was. Adds and removals count in parts of their price: see [`crate::swap_price`].
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Swaps {
-    /// In adds to a full matrix.
     pub(crate) adds: u32,
     pub(crate) removals: u32,
     /// For the direct light of the patches added.
@@ -49,15 +50,22 @@ impl LevelView {
         counters: &mut Counters,
     ) -> Result<Swaps, BackendError> {
         let cleared = self.clear_after_a_jump(local, table)?;
-        let cheaper = cheaper_adds(local.len(), local.capacity(), most.adds);
-        let removals = most.removals as usize;
+        let largest = largest_matrix(table.levels());
+        let target = self.target.min(local.capacity());
+        let removal_price = price(local.len(), largest);
+        let removals = (most.removals / removal_price) as usize;
         let forced = self.plan.forced.len().min(removals);
-        let free = local.free_count() as usize + forced;
-        let most_adds = most.adds.saturating_mul(cheaper);
-        let affordable = self.affordable_adds(table, lighting, Swaps { adds: most_adds, ..most }, tick);
+        let staying = local.len() - count(forced);
+        let (adds_max, add_price) = adds_for(most.adds, staying, target, largest);
+        // A set that is larger than it should be shrinks: half as many come.
+        let adds_max = if staying > target { adds_max.div_ceil(2) } else { adds_max };
+        let affordable = self.affordable_adds(table, lighting, Swaps { adds: adds_max, ..most }, tick);
         // What is displaced makes room for what comes now, never more: a slot in hand is light.
-        let displaced = self.plan.displaced.len().min(removals - forced).min(affordable.saturating_sub(free));
-        let adds = affordable.min(free + displaced);
+        let wanted_room = (staying as usize + affordable).saturating_sub(target as usize);
+        let displaced = self.plan.displaced.len().min(removals - forced).min(wanted_room);
+        let adds = affordable.min(local.free_count() as usize + forced + displaced);
+        // Beyond what it should hold a set takes in only what others go for.
+        let adds = if staying > target { adds } else { adds.min((target - staying) as usize + displaced) };
 
         let mut leaving = take_last(&mut self.plan.forced, forced);
         leaving.extend(take_last(&mut self.plan.displaced, displaced));
@@ -83,6 +91,7 @@ impl LevelView {
             local.order_tables(self.focus);
         }
         self.is_far_old |= has_moved;
+        self.is_urgent |= has_moved;
         self.sends_news |= has_moved;
         self.has_news |= has_moved;
 
@@ -93,8 +102,11 @@ impl LevelView {
         counters.refused_adds += u64::from(added.refused);
         counters.slots_lit += u64::from(lit);
         counters.rays += u64::from(spent);
-        let adds = count(newcomers.len()).div_ceil(cheaper);
-        Ok(Swaps { adds, removals: count(leaving.len()), shadow_points: spent })
+        Ok(Swaps {
+            adds: count(newcomers.len()) * add_price,
+            removals: count(leaving.len()) * removal_price,
+            shadow_points: spent,
+        })
     }
 
     /// Lets everything go at once if none of it is wanted. Returns how many patches that were.
@@ -131,39 +143,10 @@ impl LevelView {
     }
 }
 
-/// How many adds to a matrix with `residents` of `capacity` slots taken cost as much as one to a full one, of `adds` of those:
-/// the square of how much larger the full one is.
-fn cheaper_adds(residents: u32, capacity: u32, adds: u32) -> u32 {
-    let limit = EngineConfig::CHEAPER_ADDS_LIMIT;
-    let fits = |times: u32| {
-        let filled = u64::from(residents) + u64::from(adds) * u64::from(times);
-        filled * filled * u64::from(times) <= u64::from(capacity) * u64::from(capacity)
-    };
-    (2..=limit).rev().find(|&times| fits(times)).unwrap_or(1)
-}
-
 fn take_last<T>(list: &mut Vec<T>, how_many: usize) -> Vec<T> {
     list.split_off(list.len() - how_many)
 }
 
 fn count(length: usize) -> u32 {
     u32::try_from(length).expect("budgets are u32")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_add_costs_by_the_square_of_what_is_there() {
-        assert_eq!(cheaper_adds(2048, 2048, 32), 1);
-        assert_eq!(cheaper_adds(1400, 2048, 18), 2);
-        assert_eq!(cheaper_adds(0, 2048, 32), EngineConfig::CHEAPER_ADDS_LIMIT);
-        assert_eq!(cheaper_adds(0, 8, 32), 1, "the first adds fill it");
-        for residents in 0..2048 {
-            let times = cheaper_adds(residents, 2048, 20);
-            let filled = f64::from(residents + 20 * times) / 2048.0;
-            assert!(times == 1 || f64::from(times) * filled * filled <= 1.0, "{residents}: {times}");
-        }
-    }
 }

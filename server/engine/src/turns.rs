@@ -7,16 +7,19 @@ use crate::budget::{Budget, Weight, rotated};
 use crate::engine::Engine;
 use crate::level_view::LevelView;
 use crate::session::Session;
+use crate::swap_price::PARTS;
 use crate::swaps::Swaps;
 
 impl Engine {
     /// Swaps patches under the budgets. Returns what is left of the budget for direct light.
     pub(crate) fn swap_patches(&mut self) -> Budget {
         // New patches are lit as they come, for half of the budget: the other half follows moving lights.
-        let mut for_light = Budget::new(self.config.shadow_points_per_tick_max);
-        let mut adds = Budget::new(self.config.adds_per_tick_max);
-        let mut removals = Budget::new(self.config.removals_per_tick_max);
-        let mut shadow_points = Budget::new(self.config.shadow_points_per_tick_max.div_ceil(2));
+        let points = self.effort.of(self.config.shadow_points_per_tick_max);
+        let mut for_light = Budget::new(points);
+        let whole = |swaps: u32| Budget::new(self.effort.of(swaps.saturating_mul(PARTS)).max(PARTS));
+        let mut adds = whole(self.config.adds_per_tick_max);
+        let mut removals = whole(self.config.removals_per_tick_max);
+        let mut shadow_points = Budget::new(points.div_ceil(2));
         let tick = self.counters.ticks;
         for (id, level) in self.in_turn() {
             let session = self.sessions.get_mut(&id).expect("waiting sessions are open");
@@ -28,7 +31,9 @@ impl Engine {
             let view = &mut session.views[usize::from(level)];
             match view.swap(&mut self.chunks, &session.lighting, most, tick, &mut self.counters) {
                 Ok(done) => {
-                    view.had += u64::from(done.adds.max(done.removals)) * FINEST_PARTS / parts(level);
+                    let parts_done = done.adds.max(done.removals);
+                    self.counters.swap_work += u64::from(parts_done);
+                    view.had += u64::from(parts_done) * FINEST_PARTS / parts(level);
                     adds.spend(done.adds);
                     removals.spend(done.removals);
                     shadow_points.spend(done.shadow_points);
@@ -91,9 +96,10 @@ impl Engine {
 }
 
 /// Parts of a budget that a view of level 0 gets, to one of a coarse view: level 0 is what is promised.
-pub(crate) const FINEST_PARTS: u64 = 4;
+const FINEST_PARTS: u64 = 4;
 
-fn parts(level: u8) -> u64 {
+/// Parts of a budget that a view of `level` gets.
+pub(crate) fn parts(level: u8) -> u64 {
     if level == 0 { FINEST_PARTS } else { 1 }
 }
 

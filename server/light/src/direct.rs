@@ -57,8 +57,12 @@ fn irradiance_by_point(
     mut each: impl FnMut(usize, Rgb),
 ) -> Rgb {
     let Some(first) = points.first() else { return Rgb::ZERO };
+    let start = (first.position, first.position);
+    let bounds = points
+        .iter()
+        .fold(start, |(low, high), point| (low.min(point.position), high.max(point.position)));
     let mut sum = Rgb::ZERO;
-    for (light_index, light) in lights.iter().enumerate() {
+    for (light_index, light) in lights.iter().enumerate().filter(|(_, light)| reaches(light, bounds)) {
         let shift = disc_shift(seed, light_index, first.position);
         for (point_index, point) in points.iter().enumerate() {
             let disc = disc_place(shift, point_index, points.len());
@@ -68,6 +72,14 @@ fn irradiance_by_point(
         }
     }
     sum / points.len() as f32
+}
+
+/// Whether `light` can bring anything to a point between `low` and `high`: a lamp whose range ends before brings nothing at all.
+fn reaches(light: &Light, (low, high): (Vec3, Vec3)) -> bool {
+    let (Light::Point { position, range_m, .. } | Light::Spot { position, range_m, .. }) = *light else {
+        return true;
+    };
+    range_m.is_none_or(|range_m| position.distance(position.clamp(low, high)) <= range_m)
 }
 
 fn shadowed(
@@ -144,6 +156,36 @@ mod tests {
         assert_eq!([at(0), at(1), at(2), at(3)], [0.0, 10.0, 10.0, 0.0]);
         let mean = direct_irradiance(&half_plate(255), &[sun(0.0)], &points, EPSILON_M, 1);
         assert!((mean.x - 5.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn lamps_out_of_reach_change_no_bit() {
+        let lamp = |x: f32| Light::Point {
+            position: Vec3::new(x, 2.0, 0.1),
+            intensity: Rgb::splat(100.0),
+            range_m: Some(3.0),
+        };
+        let points: Vec<SamplePoint> = (0..20).map(|x| ground(0.1 * x as f32)).collect();
+        let lights: Vec<Light> =
+            (-40..40).map(|x| lamp(0.25 * x as f32)).chain([sun(0.01)]).collect();
+        let occluders = half_plate(100);
+        let one_by_one: Rgb = lights
+            .iter()
+            .enumerate()
+            .map(|(index, light)| {
+                let shift = disc_shift(7, index, points[0].position);
+                let places = points.iter().enumerate();
+                places
+                    .map(|(at, point)| {
+                        shadowed(&occluders, light, point, EPSILON_M, disc_place(shift, at, points.len()))
+                    })
+                    .fold(Rgb::ZERO, |sum, light| sum + light)
+            })
+            .fold(Rgb::ZERO, |sum, light| sum + light);
+        let near = lights.iter().filter(|light| reaches(light, (points[0].position, points[19].position)));
+        assert!((10..60).contains(&near.count()));
+        let found = direct_irradiance(&occluders, &lights, &points, EPSILON_M, 7) * points.len() as f32;
+        assert!((found - one_by_one).abs().max_element() <= 1e-4 * one_by_one.max_element(), "{found}");
     }
 
     #[test]

@@ -105,6 +105,8 @@ pub(crate) fn delta(changes: &Changes) -> v1::ServerMessage {
             delta.irradiance.push(codes.irradiance[direction]);
             delta.sky_irradiance.push(codes.sky_irradiance[direction]);
             delta.quality.push(codes.quality[direction]);
+            delta.far.push(codes.far[direction]);
+            delta.staleness.push(codes.staleness[direction]);
             delta.plane.push(codes.plane[direction]);
         }
     }
@@ -113,6 +115,11 @@ pub(crate) fn delta(changes: &Changes) -> v1::ServerMessage {
     }
     if delta.air.iter().all(|&mask| mask == 0) {
         delta.air.clear();
+    }
+    for codes in [&mut delta.far, &mut delta.staleness] {
+        if codes.iter().all(|&code| code == 0) {
+            codes.clear();
+        }
     }
     if delta.plane.iter().all(|&code| code == plane::UNKNOWN) {
         delta.plane.clear();

@@ -19,6 +19,7 @@ fn frame(lights: &[(IVec3, f32)]) -> Frame {
             known_share: 1.0,
             far_share: 0.0,
             fed_share: 0.0,
+            staleness: 0,
         })
         .collect();
     patches.sort_by_key(|patch| patch.voxel.to_array());

@@ -295,6 +295,14 @@ pub(crate) fn print_report(report: &FlyReport) {
         report.dark_probes,
         report.probes
     );
+    if let (Some(quality), Some(far), Some(stale)) = (report.quality, report.far_share, report.stale_share) {
+        out!(
+            "light of lit probes rests on {:.1} % of what is around them, {:.1} % from coarse levels; {:.1} % of it waits for new direct light",
+            quality * 1e2,
+            far * 1e2,
+            stale * 1e2
+        );
+    }
     if let (Some(radius), Some(speed), Some(violations)) =
         (report.promised_radius_m, report.promised_speed_m_s, report.promise_violations)
         && radius > 0.0

@@ -21,6 +21,7 @@ mod gpu;
 mod inspect;
 mod lights_wire;
 mod machine;
+mod memory;
 mod method;
 mod operators;
 mod output;
@@ -84,6 +85,7 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    memory::give_back_what_is_freed();
     let arguments = Arguments::parse();
     if let Err(error) = start_logging(&arguments).and_then(|()| start_threads(arguments.threads)) {
         eprintln!("error: {error:#}");

@@ -28,7 +28,7 @@ fn promised(promise: &Promise) -> String {
     let also = [10.0, 50.0, 200.0]
         .into_iter()
         .filter(|&speed| speed > promise.speed_m_s)
-        .map(|speed| format!(", {:.1} m at {speed} m/s", promise.radius_at(speed)))
+        .map(|speed| format!("; at {speed} m/s {}", by_level(promise, speed)))
         .collect::<String>();
     format!(
         "promise  one camera has light of level 0 within {:.1} m in every frame, at up to {:.1} m/s with {:.1} MB/s of \
@@ -38,4 +38,13 @@ fn promised(promise: &Promise) -> String {
         promise.tile_bytes_per_s / 1e6,
         promise.recovery_s
     )
+}
+
+/// What is promised of each level at `speed_m_s`: a fast camera has little of the fine ones, and more of the coarse ones.
+fn by_level(promise: &Promise, speed_m_s: f32) -> String {
+    let radius = |level: u8| match promise.radius_of(level, speed_m_s) {
+        radius_m if radius_m.is_infinite() => format!("all of level {level}"),
+        radius_m => format!("level {level} within {radius_m:.1} m"),
+    };
+    (0..promise.level_count()).map(radius).collect::<Vec<_>>().join(", ")
 }

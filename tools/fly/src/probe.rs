@@ -1,6 +1,6 @@
 //! Where light is looked up to see whether it is there.
 
-use earthshine_client::Light;
+use earthshine_client::{Light, LookedUp};
 use glam::Vec3;
 
 /// A place on a surface.
@@ -45,11 +45,28 @@ impl Default for Probes {
 }
 
 /// What one frame's probes found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Found {
     pub(crate) asked: u64,
     pub(crate) dark: u64,
     pub(crate) is_miss: bool,
+    /// Sums over the probes with light: see [`LookedUp`].
+    pub(crate) quality: f64,
+    pub(crate) far_share: f64,
+    pub(crate) stale_share: f64,
+}
+
+impl Found {
+    /// What one probe read.
+    fn note(&mut self, read: Option<LookedUp>) {
+        let Some(LookedUp { quality, far_share, stale_share, .. }) = read else {
+            self.dark += 1;
+            return;
+        };
+        self.quality += f64::from(quality);
+        self.far_share += f64::from(far_share);
+        self.stale_share += f64::from(stale_share);
+    }
 }
 
 impl Probes {
@@ -66,9 +83,11 @@ impl Probes {
                     position + Vec3::new(angle.cos(), 0.0, angle.sin()) * *radius_m
                 });
                 let columns = std::iter::once(position).chain(around);
-                let dark = columns.filter(|&top| !is_column_lit(light, top, *depth_m, voxel_edge_m)).count();
-                let (asked, dark) = (u64::from(*count) + 1, dark as u64);
-                Found { asked, dark, is_miss: dark == asked }
+                let mut found = Found { asked: u64::from(*count) + 1, ..Found::default() };
+                for top in columns {
+                    found.note(below(light, top, *depth_m, voxel_edge_m));
+                }
+                Found { is_miss: found.dark == found.asked, ..found }
             }
             Self::Surface { probes, radius_m, count_max } => {
                 let mut near: Vec<(f32, &Probe)> = probes
@@ -78,16 +97,19 @@ impl Probes {
                     .collect();
                 near.sort_by(|(a, _), (b, _)| a.total_cmp(b));
                 near.truncate(*count_max);
-                let is_dark = |probe: &Probe| light.lookup(probe.position, probe.normal).is_none();
-                let dark = near.iter().filter(|(_, probe)| is_dark(probe)).count() as u64;
-                Found { asked: near.len() as u64, dark, is_miss: dark > 0 }
+                let mut found = Found { asked: near.len() as u64, ..Found::default() };
+                for (_, probe) in near {
+                    found.note(light.lookup(probe.position, probe.normal));
+                }
+                Found { is_miss: found.dark > 0, ..found }
             }
         }
     }
 }
 
-fn is_column_lit(light: &Light, top: Vec3, depth_m: f32, voxel_edge_m: f32) -> bool {
+/// The first light that faces up below `top`.
+fn below(light: &Light, top: Vec3, depth_m: f32, voxel_edge_m: f32) -> Option<LookedUp> {
     let step_m = voxel_edge_m * Probes::COLUMN_STEP_VOXELS;
     let steps = (depth_m / step_m).clamp(0.0, Probes::COLUMN_STEPS_MAX as f32) as usize;
-    (0..=steps).any(|step| light.lookup(top - Vec3::Y * (step as f32 * step_m), Vec3::Y).is_some())
+    (0..=steps).find_map(|step| light.lookup(top - Vec3::Y * (step as f32 * step_m), Vec3::Y))
 }

@@ -40,6 +40,12 @@ pub struct FlyReport {
     pub probes: u64,
     /// Of them those without light.
     pub dark_probes: u64,
+    /// Mean over the others of how much of what is around them their light rests on, 0..=1.
+    pub quality: Option<f64>,
+    /// Mean of the part of that which coarse levels stand for.
+    pub far_share: Option<f64>,
+    /// Mean share of what they read whose direct light was out of date.
+    pub stale_share: Option<f64>,
     /// Jumps of the camera, the first place not counted.
     pub teleports: u64,
     /// Of them those that got light at their new place before the next jump or the end.
@@ -105,6 +111,17 @@ impl FlyReport {
         self.misses += u64::from(found.is_miss);
         self.probes += found.asked;
         self.dark_probes += found.dark;
+        let lit = (self.probes - self.dark_probes) as f64;
+        let new = (found.asked - found.dark) as f64;
+        let add = |mean: &mut Option<f64>, sum: f64| {
+            if new > 0.0 {
+                let before = mean.unwrap_or(0.0);
+                *mean = Some(before + (sum - new * before) / lit);
+            }
+        };
+        add(&mut self.quality, found.quality);
+        add(&mut self.far_share, found.far_share);
+        add(&mut self.stale_share, found.stale_share);
     }
 
     pub(crate) fn set_latencies(&mut self, answers: &Latencies, teleports: &Latencies) {
@@ -123,6 +140,18 @@ impl FlyReport {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn goodness_is_the_mean_over_probes_with_light() {
+        let mut report = FlyReport::default();
+        report.probed(Found { asked: 2, dark: 2, is_miss: true, ..Found::default() });
+        assert_eq!(report.quality, None);
+        report.probed(Found { asked: 3, dark: 1, quality: 1.0, far_share: 0.5, ..Found::default() });
+        report.probed(Found { asked: 1, quality: 1.0, stale_share: 0.75, ..Found::default() });
+        let near = |mean: Option<f64>, expected: f64| (mean.unwrap() - expected).abs() < 1e-12;
+        assert!(near(report.quality, 2.0 / 3.0) && near(report.far_share, 0.5 / 3.0), "{report:?}");
+        assert!(near(report.stale_share, 0.25), "{report:?}");
+    }
 
     #[test]
     fn percentiles_are_of_milliseconds() {

@@ -163,6 +163,8 @@ fn delta() -> v1::Delta {
         air: vec![0b000_100, 0, 0b100_000],
         plane: vec![128, 0, 0],
         light_unit_lx: 16.0,
+        far: vec![0, 64, 200],
+        staleness: vec![0, 1, 7],
     }
 }
 

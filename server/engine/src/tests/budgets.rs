@@ -1,10 +1,10 @@
 //! What one tick may do, and that what it could not do is done later.
 
 use super::backend::Faults;
-use super::harness::{ALICE, BOB, Harness, generous, lamp};
+use super::harness::{ALICE, BOB, Harness, generous, lamp, still};
 use super::world::{RandomWorld, WorldShape};
 use crate::{EngineConfig, Event};
-use earthshine_world::{LightRig, Vec3};
+use earthshine_world::{Camera, LightRig, Vec3};
 
 fn world(seed: u64) -> RandomWorld {
     RandomWorld::new(
@@ -16,7 +16,8 @@ fn world(seed: u64) -> RandomWorld {
 #[test]
 fn adds_and_removals_keep_their_budgets_over_all_sessions() {
     for (adds_per_tick_max, removals_per_tick_max) in [(1, 1), (3, 2), (2, 7), (100, 100)] {
-        let config = EngineConfig { adds_per_tick_max, removals_per_tick_max, ..generous(25) };
+        let config =
+            EngineConfig { adds_per_tick_max, removals_per_tick_max, coarse_patches_max: 1, ..generous(25) };
         let mut harness = Harness::new(world(1), config, Faults::default()).with_camera(Vec3::ZERO);
         harness.events.push(Event::SessionOpened { session: BOB });
         harness.look_from(BOB, Vec3::new(9.0, 0.0, 0.0));
@@ -25,7 +26,7 @@ fn adds_and_removals_keep_their_budgets_over_all_sessions() {
                 let stats = harness.tick();
                 // Where slots are free adds are cheap; a full matrix has to make room for each.
                 let is_full = stats.done.removes >= stats.done.adds;
-                let cheaper = if is_full { 1 } else { EngineConfig::CHEAPER_ADDS_LIMIT };
+                let cheaper = if is_full { 1 } else { EngineConfig::CHEAPER_SWAPS_LIMIT };
                 assert!(stats.done.adds <= u64::from(adds_per_tick_max * cheaper));
                 assert!(stats.done.removes <= u64::from(removals_per_tick_max));
                 if stats.settled && harness.events.is_empty() {
@@ -116,4 +117,66 @@ fn nothing_new_is_not_published() {
     }
     harness.light(ALICE, LightRig { emission_scale: 2.0, ..LightRig::emission_only() });
     assert_eq!(harness.tick().done.frames, 1);
+}
+
+/// Goal: ticks that take too long do less of what can wait, and all of it gets done. Method: a fifth of the effort, and efforts that
+/// cannot be.
+#[test]
+fn an_effort_scales_what_a_tick_does() {
+    let config = EngineConfig { adds_per_tick_max: 10, coarse_patches_max: 1, ..generous(25) };
+    let mut harness = Harness::new(world(6), config, Faults::default()).with_camera(Vec3::ZERO);
+    harness.settle();
+    for share in [0.0, -1.0, 1.5, f32::NAN] {
+        harness.events.push(Event::Effort { share });
+    }
+    assert_eq!(harness.tick().done.ignored.paces, 4);
+    assert_eq!(harness.engine.stats().effort, 1.0);
+    harness.events.push(Event::Effort { share: 0.2 });
+    harness.look_from(ALICE, Vec3::new(3.0, 1.0, 2.0));
+    let mut swaps = 0;
+    for _ in 0..400 {
+        let stats = harness.tick();
+        assert!(
+            stats.done.adds <= 2 && stats.done.swap_work <= 2 * u64::from(EngineConfig::CHEAPER_SWAPS_LIMIT)
+        );
+        swaps += stats.done.adds;
+        if stats.settled && harness.events.is_empty() {
+            break;
+        }
+    }
+    assert!(swaps > 4, "{swaps}");
+    harness.settle();
+    assert_eq!(harness.frame(ALICE).patches.len(), 25);
+}
+
+/// Goal: a fast camera gets as many slots as can be kept filled, and all of them back when it stands; in between there is never
+/// less light than that.
+#[test]
+fn fast_cameras_have_smaller_sets() {
+    let config =
+        EngineConfig { adds_per_tick_max: 1, removals_per_tick_max: 1, load_radius_m: 30.0, ..generous(60) };
+    let world = world(7);
+    let mut crowding = crate::Crowding::new(world.index.grid.voxel_edge_m);
+    let patches: Vec<Vec3> =
+        world.chunks.values().flat_map(|chunk| &chunk.patches).map(|patch| patch.centroid).collect();
+    crowding.look(&patches, &patches);
+    let prospect = crate::Prospect::of(&world.index, &config, &[crowding]);
+    let means = crate::Means { tick_rate_hz: 60.0, tile_bytes_per_s: 1e9 };
+    let mut harness = Harness::new(world, config, Faults::default());
+    harness.engine = harness.engine.with_promise(prospect, means);
+    harness = harness.with_camera(Vec3::ZERO);
+    harness.settle();
+    let slots = |harness: &Harness| harness.frame(ALICE).patches.len();
+    assert_eq!(slots(&harness), 60);
+    let look_at = |harness: &mut Harness, velocity: Vec3| {
+        let camera = Camera { velocity, ..still(Vec3::ZERO) };
+        harness.events.push(Event::Camera { session: ALICE, camera });
+        harness.settle();
+        slots(harness)
+    };
+    let fast = look_at(&mut harness, Vec3::X * 200.0);
+    assert!((1..30).contains(&fast), "{fast}");
+    let quality = harness.frame(ALICE).quality;
+    assert_eq!((quality.resident_patches, quality.wanted_patches), (fast as u32, fast as u32));
+    assert_eq!(look_at(&mut harness, Vec3::ZERO), 60);
 }

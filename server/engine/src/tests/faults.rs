@@ -298,7 +298,7 @@ fn a_broken_promise_is_counted_and_told() {
         let patches: Vec<Vec3> =
             world.chunks.values().flat_map(|chunk| &chunk.patches).map(|patch| patch.centroid).collect();
         crowding.look(&patches, &patches);
-        crate::Prospect::of(&world.index, config, crowding)
+        crate::Prospect::of(&world.index, config, &[crowding])
     };
     for is_broken in [false, true] {
         let (world, config) = (world(14), generous(60));
@@ -333,7 +333,7 @@ fn the_promise_follows_the_pace_of_ticks() {
     let patches: Vec<Vec3> =
         world.chunks.values().flat_map(|chunk| &chunk.patches).map(|patch| patch.centroid).collect();
     crowding.look(&patches, &patches);
-    let prospect = crate::Prospect::of(&world.index, &config, crowding);
+    let prospect = crate::Prospect::of(&world.index, &config, &[crowding]);
     let means = crate::Means { tick_rate_hz: 60.0, tile_bytes_per_s: 1e9 };
     let first = prospect.promise(means);
     let mut harness = Harness::new(world, config, Faults::default());

@@ -195,6 +195,25 @@ fn spare_chunks_make_room_by_age_and_distance() {
     assert!(nearest_gone > 2.0 && mean_held < 18.0, "{nearest_gone} m, {mean_held} m");
 }
 
+/// Goal: chunks that nobody wants take no more than they may, all the way of a flight.
+#[test]
+fn spare_chunks_take_no_more_than_they_may() {
+    let flown = |spare_bytes_max: u64| {
+        let config = EngineConfig { spare_bytes_max, load_radius_m: 2.0, ..generous(100) };
+        let mut harness = Harness::new(big_world(12), config, Faults::default()).with_camera(Vec3::ZERO);
+        let mut most = 0;
+        for step in 0..24 {
+            harness.look_from(ALICE, Vec3::X * step as f32 * 0.75);
+            harness.settle();
+            most = most.max(harness.engine.stats().spare_chunks);
+        }
+        (most, harness.engine.stats().decoded_bytes, harness.frame(ALICE).patches.len())
+    };
+    let (all, none) = (flown(1 << 30), flown(0));
+    assert!(all.0 > 2 && all.1 > none.1, "{all:?} {none:?}");
+    assert_eq!((none.0, none.2), (0, all.2), "what is wanted is there either way");
+}
+
 /// Goal: a burst of tiles is taken a few a tick, nobody's work is lost, and what is cancelled meanwhile is forgotten.
 #[test]
 fn tiles_that_came_wait_for_their_turn() {

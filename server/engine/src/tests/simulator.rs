@@ -48,6 +48,7 @@ impl Simulation {
             sessions_max: 3,
             tiles_in_flight_max: dice.pick(&[1, 4]),
             decoded_bytes_max: dice.pick(&[8_000, 30_000, 1 << 30]),
+            spare_bytes_max: dice.pick(&[0, 9_000, 1 << 30]),
             load_radius_m: dice.pick(&[3.0, 9.0, 40.0]),
             hysteresis: dice.pick(&[0.0, 0.1, 1.0]),
             look_ahead_s: dice.pick(&[0.0, 0.3]),
@@ -247,7 +248,7 @@ fn prospect_of(world: &RandomWorld, config: &EngineConfig) -> Prospect {
     let finest = world.chunks.values().filter(|chunk| chunk.id.level == 0);
     let patches: Vec<Vec3> = finest.flat_map(|chunk| &chunk.patches).map(|patch| patch.centroid).collect();
     crowding.look(&patches, &patches);
-    Prospect::of(&world.index, config, crowding)
+    Prospect::of(&world.index, config, &[crowding])
 }
 
 fn live(seed: u64) -> (u64, crate::EngineStats) {

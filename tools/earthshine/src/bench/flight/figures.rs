@@ -28,6 +28,11 @@ pub(super) struct Figures {
     pub(super) promised_radius_m: f32,
     /// At the flight's own speed.
     pub(super) promised_radius_at_speed_m: f32,
+    /// The same of every level; nothing where the level is held whole.
+    pub(super) promised_radius_by_level_at_speed_m: Vec<Option<f32>>,
+    pub(super) promised_tick_rate_hz: f32,
+    /// Part of its budgets that a tick could spend in the end.
+    pub(super) effort: f32,
     pub(super) promised_tile_mb_s: f32,
     pub(super) promised_recovery_s: f32,
     pub(super) probed_frames: u64,
@@ -92,6 +97,11 @@ impl Figures {
             promised_speed_m_s: promise.speed_m_s,
             promised_radius_m: promise.radius_m,
             promised_radius_at_speed_m: promise.radius_at(speed_m_s),
+            promised_radius_by_level_at_speed_m: (0..promise.level_count())
+                .map(|level| Some(promise.radius_of(level, speed_m_s)).filter(|radius| radius.is_finite()))
+                .collect(),
+            promised_tick_rate_hz: promise.means.tick_rate_hz,
+            effort: stats.effort,
             promised_tile_mb_s: promise.tile_bytes_per_s / 1e6,
             promised_recovery_s: promise.recovery_s,
             probed_frames: report.probed_frames,
