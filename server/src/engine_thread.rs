@@ -5,20 +5,19 @@
 //! frames go out through `watch` channels, where the newest wins again. Nothing here ever waits for a
 //! client or a disk. Start at [`EngineThread::run`].
 
+use crate::loaded_engine::LoadedEngine;
 use crate::metrics::Metrics;
 use crate::observer::{TickLog, TickSample};
 use crate::pace::{News, Pace};
 use crate::publish::Answered;
 use crate::solver_wish::SolverWish;
 use crate::takeover::{Attending, Takeover};
-use crate::tile_loader::TileRequests;
 use crate::world_watch::NextWorld;
-use earthshine_engine::{Command, Engine, EngineConfig, EngineStats, Event, Frame, Promise, SessionId};
-use earthshine_world::{Camera, ChunkId, LightRig, WorldIndex};
+use earthshine_engine::{EngineConfig, EngineStats, Event, Frame, Promise, SessionId};
+use earthshine_world::{Camera, LightRig, WorldIndex};
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::Receiver;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -131,20 +130,16 @@ impl EngineHandle {
 
 /// Everything the thread works with.
 pub(crate) struct EngineThread {
-    /// The state machine.
-    pub(crate) engine: Engine,
+    /// The state machine and its loader.
+    pub(crate) running: LoadedEngine,
     /// Time between two ticks.
     pub(crate) period: Duration,
     /// New sessions.
     pub(crate) openings: mpsc::Receiver<Opening>,
-    /// Decoded and failed tiles.
-    pub(crate) tiles: Receiver<Event>,
     /// New states of the world.
     pub(crate) worlds: mpsc::Receiver<NextWorld>,
     /// What is in the world that is served, for sessions to come.
     pub(crate) served: watch::Sender<Arc<WorldIndex>>,
-    /// Where tiles are asked for.
-    pub(crate) requests: Arc<TileRequests>,
     /// Where each tick is reported.
     pub(crate) report: Arc<SharedReport>,
     /// Each tick, for those who observe.
@@ -164,16 +159,22 @@ struct Client {
     lights: Option<LightRig>,
 }
 
+impl Client {
+    /// Has its session send `frame`, as the answer to its newest camera.
+    fn show(&self, frame: Arc<Frame>) {
+        if let Some(camera) = self.camera {
+            self.frames.send_replace(Some(Published { frame, camera }));
+        }
+    }
+}
+
 struct Running {
     shell: EngineThread,
     started: Instant,
     clients: BTreeMap<SessionId, Client>,
-    /// Requests that the loader had no room for, to be answered as failed.
-    turned_away: Vec<ChunkId>,
     /// The engine of a new state of the world, until it is as good as the present one.
     takeover: Option<Takeover>,
     events: Vec<Event>,
-    commands: Vec<Command>,
     pace: Pace,
 }
 
@@ -198,10 +199,8 @@ impl EngineThread {
             shell: self,
             started: Instant::now(),
             clients: BTreeMap::new(),
-            turned_away: Vec::new(),
             takeover: None,
             events: Vec::new(),
-            commands: Vec::new(),
             pace: Pace::new(1.0 / period.as_secs_f64().max(1e-6)),
         };
         let mut due = Instant::now();
@@ -221,9 +220,9 @@ impl EngineThread {
             }
         }
         // The loader may be another than the one that the server knows.
-        running.shell.requests.stop();
+        running.shell.running.requests.stop();
         if let Some(takeover) = running.takeover {
-            takeover.next.requests.stop();
+            takeover.next.loaded.requests.stop();
         }
     }
 }
@@ -242,30 +241,36 @@ impl Running {
         self.collect_sessions();
         self.events.extend(self.shell.solver.take().map(|solver| Event::Solver { solver }));
         self.hear_of_worlds();
-        self.collect_tiles();
         let events = std::mem::take(&mut self.events);
-        let done = self.shell.engine.tick(time_s, events, &mut self.commands).done;
-        self.hand_out();
+        let clients = &self.clients;
+        let publish = |frame: Arc<Frame>| {
+            if let Some(client) = clients.get(&frame.session) {
+                client.show(frame);
+            }
+        };
+        let done = self.shell.running.tick(time_s, events, publish).done;
+        self.answer_cameras();
         self.take_over(time_s);
         let tick_s = began.elapsed().as_secs_f64();
         self.keep_pace(tick_s, done.swap_work);
         self.shell.metrics.tick_seconds.observe(tick_s);
-        let stats = self.shell.engine.stats();
+        let LoadedEngine { engine, requests, .. } = &self.shell.running;
+        let stats = engine.stats();
         let missing_near = stats.sessions.iter().map(|session| session.missing_near).max().unwrap_or(0);
         self.shell.ticks.push(TickSample { time_s, tick_s, missing_near });
         self.shell.report.write(EngineReport {
             stats,
-            promise: Arc::clone(self.shell.engine.promise()),
+            promise: Arc::clone(engine.promise()),
             tick_s,
             time_s,
-            tiles_pending: self.shell.requests.pending(),
+            tiles_pending: requests.pending(),
             ticked: Some(Instant::now()),
         });
     }
 
     /// Has the engine do what a tick has time for, and promise what it can keep at the rate at which busy ticks really come.
     fn keep_pace(&mut self, tick_s: f64, swap_work: u64) {
-        let config = self.shell.engine.config();
+        let config = self.shell.running.engine.config();
         let most = u64::from(config.adds_per_tick_max) * u64::from(EngineConfig::CHEAPER_SWAPS_LIMIT);
         let news = self.pace.note(tick_s, swap_work as f64 / most as f64);
         if let Some(tick_rate_hz) = news.tick_rate_hz {
@@ -337,55 +342,23 @@ impl Running {
             self.takeover = Some(takeover);
             return;
         }
-        self.shell.requests.stop();
-        let Takeover { next, frames, turned_away, .. } = takeover;
-        (self.shell.engine, self.shell.tiles, self.shell.requests) = (next.engine, next.tiles, next.requests);
-        self.turned_away = turned_away;
+        self.shell.running.requests.stop();
+        let Takeover { next, frames, .. } = takeover;
+        self.shell.running = next.loaded;
         // It has counted on the configured rate so far, and on all of its budgets.
         self.tell_pace(self.pace.told());
         self.shell.served.send_replace(next.index);
         for (session, frame) in frames {
-            if let Some(client) = self.clients.get(&session)
-                && let Some(camera) = client.camera
-            {
-                client.frames.send_replace(Some(Published { frame, camera }));
+            if let Some(client) = self.clients.get(&session) {
+                client.show(frame);
             }
         }
         self.shell.metrics.worlds_taken.inc();
         tracing::info!(sessions = watching.len(), "a new state of the world is served");
     }
 
-    fn collect_tiles(&mut self) {
-        for chunk in self.turned_away.drain(..) {
-            let cause = "the loader's queue is full".to_owned();
-            self.events.push(Event::TileFailed { chunk, cause });
-        }
-        // The queue's length bounds the work: what arrives meanwhile waits for the next tick.
-        self.events.extend(self.shell.tiles.try_iter().take(TILES_PER_TICK_MAX));
-    }
-
-    fn hand_out(&mut self) {
-        for command in self.commands.drain(..) {
-            match command {
-                Command::LoadTile { chunk } => {
-                    if !self.shell.requests.request(chunk) {
-                        self.turned_away.push(chunk);
-                    }
-                }
-                Command::CancelTile { chunk } => {
-                    self.turned_away.retain(|&waiting| waiting != chunk);
-                    self.shell.requests.cancel(chunk);
-                }
-                Command::PublishFrame { frame } => {
-                    if let Some(client) = self.clients.get(&frame.session)
-                        && let Some(camera) = client.camera
-                    {
-                        client.frames.send_replace(Some(Published { frame, camera }));
-                    }
-                }
-            }
-        }
-        // A camera that changed no light has its answer too: the frame before.
+    /// A camera that changed no light has its answer too: the frame before.
+    fn answer_cameras(&self) {
         for client in self.clients.values() {
             let Some(newest) = client.camera else { continue };
             client.frames.send_if_modified(|slot| {
@@ -399,13 +372,12 @@ impl Running {
     }
 }
 
-/// Tiles taken in one tick; more wait in their queue.
-const TILES_PER_TICK_MAX: usize = 64;
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use earthshine_world::Vec3;
+    use crate::tile_loader::TileRequests;
+    use earthshine_engine::Engine;
+    use earthshine_world::{ChunkId, Vec3};
 
     #[test]
     fn in_a_mailbox_the_newest_wins() {
@@ -436,14 +408,13 @@ mod tests {
         let (open, openings) = mpsc::channel(1);
         let (_answers, tiles) = std::sync::mpsc::sync_channel(1);
         let (_next, worlds) = mpsc::channel(1);
+        let running = LoadedEngine::new(engine, tiles, Arc::new(TileRequests::new(1)));
         let thread = EngineThread {
-            engine,
+            running,
             period: Duration::from_millis(1),
             openings,
-            tiles,
             worlds,
             served,
-            requests: Arc::new(TileRequests::new(1)),
             report: Arc::default(),
             ticks: Arc::default(),
             metrics,

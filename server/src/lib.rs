@@ -34,6 +34,7 @@ mod error;
 mod flow;
 mod lineage;
 mod listener;
+mod loaded_engine;
 mod metrics;
 mod observer;
 mod pace;

@@ -9,6 +9,7 @@ use crate::config::Config;
 use crate::config::load::seconds;
 use crate::engine_thread::{EngineHandle, EngineThread, SharedReport};
 use crate::listener::Listener;
+use crate::loaded_engine::LoadedEngine;
 use crate::metrics::Metrics;
 use crate::observer::{Observer, TickLog};
 use crate::promise;
@@ -207,13 +208,11 @@ impl Server {
         };
         let solver = Arc::new(SolverWish::new(config.engine.solver.clone()));
         let thread = EngineThread {
-            engine: self.engine,
+            running: LoadedEngine::new(self.engine, tiles, Arc::clone(&loader.requests)),
             period: seconds(1.0 / config.tick_rate_hz),
             openings: opened,
-            tiles,
             worlds,
             served,
-            requests: Arc::clone(&loader.requests),
             report: Arc::clone(&report),
             ticks: self.ticks,
             metrics: Arc::clone(&metrics),

@@ -7,8 +7,8 @@
 //! a backend that finds no room beside the running one. Clients keep the old frame until the new engine has one.
 
 use crate::world_watch::NextWorld;
-use earthshine_engine::{Command, Event, Frame, SessionId, SolverConfig};
-use earthshine_world::{Camera, ChunkId, LightRig};
+use earthshine_engine::{Event, Frame, SessionId, SolverConfig};
+use earthshine_world::{Camera, LightRig};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -17,8 +17,6 @@ use std::time::{Duration, Instant};
 const SETTLING: Duration = Duration::from_secs(5);
 /// After so long an engine takes over with whatever light it has.
 const PATIENCE: Duration = Duration::from_secs(60);
-/// Tiles taken in one tick.
-const TILES_PER_TICK_MAX: usize = 64;
 
 /// A session as a new engine has to know it.
 pub(crate) struct Attending {
@@ -33,11 +31,8 @@ pub(crate) struct Takeover {
     began: Instant,
     /// The newest of each session.
     pub(crate) frames: BTreeMap<SessionId, Arc<Frame>>,
-    /// Requests that its loader had no room for.
-    pub(crate) turned_away: Vec<ChunkId>,
     /// What it has not been told.
     pending: Vec<Event>,
-    commands: Vec<Command>,
 }
 
 impl Takeover {
@@ -57,9 +52,7 @@ impl Takeover {
             next,
             began: Instant::now(),
             frames: BTreeMap::new(),
-            turned_away: Vec::new(),
             pending,
-            commands: Vec::new(),
         }
     }
 
@@ -70,26 +63,8 @@ impl Takeover {
 
     /// One tick; whether it is as good as the running one for the sessions in `watching`, those with a camera.
     pub(crate) fn tick(&mut self, time_s: f64, watching: &[SessionId]) -> bool {
-        let mut events = std::mem::take(&mut self.pending);
-        for chunk in self.turned_away.drain(..) {
-            events.push(Event::TileFailed { chunk, cause: "the loader's queue is full".to_owned() });
-        }
-        events.extend(self.next.tiles.try_iter().take(TILES_PER_TICK_MAX));
-        self.next.engine.tick(time_s, events, &mut self.commands);
-        for command in self.commands.drain(..) {
-            match command {
-                Command::LoadTile { chunk } => {
-                    if !self.next.requests.request(chunk) {
-                        self.turned_away.push(chunk);
-                    }
-                }
-                Command::CancelTile { chunk } => {
-                    self.turned_away.retain(|&waiting| waiting != chunk);
-                    self.next.requests.cancel(chunk);
-                }
-                Command::PublishFrame { frame } => drop(self.frames.insert(frame.session, frame)),
-            }
-        }
+        let (events, frames) = (std::mem::take(&mut self.pending), &mut self.frames);
+        self.next.loaded.tick(time_s, events, |frame| drop(frames.insert(frame.session, frame)));
         let waited = self.began.elapsed();
         waited >= PATIENCE
             || watching

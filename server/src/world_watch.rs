@@ -7,15 +7,15 @@
 use crate::backends::Backends;
 use crate::config::Config;
 use crate::config::load::seconds;
+use crate::loaded_engine::LoadedEngine;
 use crate::metrics::Metrics;
 use crate::promise::promising;
-use crate::tile_loader::{TileLoader, TileRequests};
-use earthshine_engine::{Engine, EngineError, Event};
+use crate::tile_loader::TileLoader;
+use earthshine_engine::{Engine, EngineError};
 use earthshine_tiles::{DirStore, Manifest, TileError, TileStore};
 use earthshine_world::WorldIndex;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::mpsc::Receiver;
 use std::time::SystemTime;
 use tokio::sync::mpsc::Sender;
 use tokio::sync::mpsc::error::TrySendError;
@@ -23,14 +23,10 @@ use tokio_util::sync::CancellationToken;
 
 /// A new state of the world, ready to be taken over.
 pub(crate) struct NextWorld {
-    /// With nothing loaded and nobody connected.
-    pub(crate) engine: Engine,
+    /// For this state, with nothing loaded, and its loader.
+    pub(crate) loaded: LoadedEngine,
     /// What is in it.
     pub(crate) index: Arc<WorldIndex>,
-    /// What its loader answers.
-    pub(crate) tiles: Receiver<Event>,
-    /// What its loader is asked.
-    pub(crate) requests: Arc<TileRequests>,
 }
 
 /// Why a manifest is not taken.
@@ -131,7 +127,7 @@ impl WorldWatch {
         let requests_max = config.engine.tiles_in_flight_max;
         // Its threads end when its requests are stopped.
         let loader = TileLoader::start(&store, config.loader_threads, requests_max, &answers, &self.metrics)?;
-        Ok(Some((manifest, NextWorld { engine, index, tiles, requests: loader.requests })))
+        Ok(Some((manifest, NextWorld { loaded: LoadedEngine::new(engine, tiles, loader.requests), index })))
     }
 }
 

@@ -21,6 +21,20 @@ pub(crate) struct Swaps {
     pub(crate) shadow_points: u32,
 }
 
+/// What a view does with its turn.
+struct Turn {
+    /// Of [`SwapPlan::forced`](crate::priority::SwapPlan), patches that go.
+    forced: usize,
+    /// Of those displaced.
+    displaced: usize,
+    /// Patches that come.
+    adds: usize,
+    /// Parts that each add costs.
+    add_price: u32,
+    /// Parts that each removal costs.
+    removal_price: u32,
+}
+
 impl LevelView {
     /// Removes and adds as planned, as far as `most` goes; new patches are lit. Returns what was done.
     ///
@@ -50,23 +64,8 @@ impl LevelView {
         counters: &mut Counters,
     ) -> Result<Swaps, BackendError> {
         let cleared = self.clear_after_a_jump(local, table)?;
-        let largest = largest_matrix(table.levels());
-        let target = self.target.min(local.capacity());
-        let removal_price = price(local.len(), largest);
-        let removals = (most.removals / removal_price) as usize;
-        let forced = self.plan.forced.len().min(removals);
-        let staying = local.len() - count(forced);
-        let (adds_max, add_price) = adds_for(most.adds, staying, target, largest);
-        // A set that is larger than it should be shrinks: half as many come.
-        let adds_max = if staying > target { adds_max.div_ceil(2) } else { adds_max };
-        let affordable = self.affordable_adds(table, lighting, Swaps { adds: adds_max, ..most }, tick);
-        // What is displaced makes room for what comes now, never more: a slot in hand is light.
-        let wanted_room = (staying as usize + affordable).saturating_sub(target as usize);
-        let displaced = self.plan.displaced.len().min(removals - forced).min(wanted_room);
-        let adds = affordable.min(local.free_count() as usize + forced + displaced);
-        // Beyond what it should hold a set takes in only what others go for.
-        let adds = if staying > target { adds } else { adds.min((target - staying) as usize + displaced) };
-
+        let Turn { forced, displaced, adds, add_price, removal_price } =
+            self.turn(local, table, lighting, most, tick);
         let mut leaving = take_last(&mut self.plan.forced, forced);
         leaving.extend(take_last(&mut self.plan.displaced, displaced));
         if !leaving.is_empty() {
@@ -107,6 +106,32 @@ impl LevelView {
             removals: count(leaving.len()) * removal_price,
             shadow_points: spent,
         })
+    }
+
+    /// How much of the plan `most` pays for.
+    fn turn(
+        &self,
+        local: &LocalSet,
+        table: &ChunkTable,
+        lighting: &Lighting,
+        most: Swaps,
+        tick: u64,
+    ) -> Turn {
+        let largest = largest_matrix(table.levels());
+        let target = self.target.min(local.capacity());
+        let removal_price = price(local.len(), largest);
+        let removals = (most.removals / removal_price) as usize;
+        let forced = self.plan.forced.len().min(removals);
+        let staying = local.len() - count(forced);
+        let (adds_max, add_price) = adds_for(most.adds, staying, target, largest);
+        // A set that is larger than it should be shrinks: half as many come.
+        let adds_max = if staying > target { adds_max.div_ceil(2) } else { adds_max };
+        let affordable = self.affordable_adds(table, lighting, Swaps { adds: adds_max, ..most }, tick);
+        // What is displaced makes room for what comes now, never more: a slot in hand is light.
+        let wanted_room = (staying as usize + affordable).saturating_sub(target as usize);
+        let displaced = self.plan.displaced.len().min(removals - forced).min(wanted_room);
+        let room = if staying > target { local.free_count() as usize + forced } else { (target - staying) as usize };
+        Turn { forced, displaced, adds: affordable.min(room + displaced), add_price, removal_price }
     }
 
     /// Lets everything go at once if none of it is wanted. Returns how many patches that were.

@@ -58,9 +58,8 @@ fn irradiance_by_point(
 ) -> Rgb {
     let Some(first) = points.first() else { return Rgb::ZERO };
     let start = (first.position, first.position);
-    let bounds = points
-        .iter()
-        .fold(start, |(low, high), point| (low.min(point.position), high.max(point.position)));
+    let bounds =
+        points.iter().fold(start, |(low, high), point| (low.min(point.position), high.max(point.position)));
     let mut sum = Rgb::ZERO;
     for (light_index, light) in lights.iter().enumerate().filter(|(_, light)| reaches(light, bounds)) {
         let shift = disc_shift(seed, light_index, first.position);
@@ -166,8 +165,7 @@ mod tests {
             range_m: Some(3.0),
         };
         let points: Vec<SamplePoint> = (0..20).map(|x| ground(0.1 * x as f32)).collect();
-        let lights: Vec<Light> =
-            (-40..40).map(|x| lamp(0.25 * x as f32)).chain([sun(0.01)]).collect();
+        let lights: Vec<Light> = (-40..40).map(|x| lamp(0.25 * x as f32)).chain([sun(0.01)]).collect();
         let occluders = half_plate(100);
         let one_by_one: Rgb = lights
             .iter()
