@@ -20,7 +20,7 @@ struct Held {
 #[derive(Debug)]
 enum Change {
     Place(u32, earthshine_volume::Layout),
-    Apply { delta: v1::Delta, clear: bool },
+    Apply { delta: Box<v1::Delta>, clear: bool },
 }
 
 /// The back buffer.
@@ -79,7 +79,7 @@ impl Assembly {
         }
         let complete = delta.complete;
         self.back.apply(&delta, clear);
-        self.changes.push(Change::Apply { delta, clear });
+        self.changes.push(Change::Apply { delta: Box::new(delta), clear });
         Ok(complete && self.held.values().all(|held| held.arriving.is_none()))
     }
 

@@ -39,7 +39,8 @@ impl LoadedEngine {
     ) -> TickStats {
         let turned_away = self.turned_away.drain(..);
         events.extend(
-            turned_away.map(|chunk| Event::TileFailed { chunk, cause: "the loader's queue is full".to_owned() }),
+            turned_away
+                .map(|chunk| Event::TileFailed { chunk, cause: "the loader's queue is full".to_owned() }),
         );
         // The queue's length bounds the work: what arrives meanwhile waits for the next tick.
         events.extend(self.tiles.try_iter().take(TILES_PER_TICK_MAX));

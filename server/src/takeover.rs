@@ -48,12 +48,7 @@ impl Takeover {
             pending.extend(lights.map(|lights| Event::Lights { session, lights }));
             pending.extend(camera.map(|camera| Event::Camera { session, camera }));
         }
-        Self {
-            next,
-            began: Instant::now(),
-            frames: BTreeMap::new(),
-            pending,
-        }
+        Self { next, began: Instant::now(), frames: BTreeMap::new(), pending }
     }
 
     /// Passes on what the running engine hears.

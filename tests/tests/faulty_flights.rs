@@ -189,8 +189,14 @@ fn a_disk_that_takes_100_ms_a_read_costs_quality_for_a_while() {
     let inner = DirStore::open(world.path()).expect("a world");
     // The store itself need not sleep: lateness is virtual.
     let store = FaultyStore::new(inner, FaultPlan { delay: Duration::ZERO, ..plan });
-    let config =
-        EngineConfig { tiles_in_flight_max: 1, tile_look_ahead_s: 0.0, spare_bytes_max: 0, ..config() };
+    let config = EngineConfig {
+        // All that is in reach has a slot: what is missing is not loaded.
+        resident_patches_max: 3000,
+        tiles_in_flight_max: 1,
+        tile_look_ahead_s: 0.0,
+        spare_bytes_max: 0,
+        ..config()
+    };
     let mut flight = Flight::new(&store, plan, config);
     let resident = |flight: &Flight<'_>| {
         let quality = flight.newest().quality;

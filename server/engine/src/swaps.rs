@@ -130,7 +130,8 @@ impl LevelView {
         // What is displaced makes room for what comes now, never more: a slot in hand is light.
         let wanted_room = (staying as usize + affordable).saturating_sub(target as usize);
         let displaced = self.plan.displaced.len().min(removals - forced).min(wanted_room);
-        let room = if staying > target { local.free_count() as usize + forced } else { (target - staying) as usize };
+        let room =
+            if staying > target { local.free_count() as usize + forced } else { (target - staying) as usize };
         Turn { forced, displaced, adds: affordable.min(room + displaced), add_price, removal_price }
     }
 
