@@ -173,7 +173,9 @@ struct Sent(Cell<Vec4>);
 
 impl Sent {
     /// Not asked for yet.
-    const UNKNOWN: Self = Self(Cell::new(Vec4::NEG_ONE));
+    fn unknown() -> Self {
+        Self(Cell::new(Vec4::NEG_ONE))
+    }
 
     fn get(&self, exitance: impl FnOnce() -> Option<Rgb>) -> Vec4 {
         if self.0.get().w < 0.0 {
@@ -257,7 +259,7 @@ impl<'a> FarSenders<'a> {
         }
         let parents = lineage.of(chunk).cloned();
         let ancestry = Ancestry::of(chunk.parent(), lineage, &self.coarser, self.exitances);
-        let sent = vec![Sent::UNKNOWN; parents.as_ref().map_or(0, |parents| parents.len())];
+        let sent = vec![Sent::unknown(); parents.as_ref().map_or(0, |parents| parents.len())];
         self.chunks.push(SendingChunk { parents, ancestry, sent });
         self.places.insert(chunk, self.chunks.len() - 1);
         self.chunks.len() - 1
@@ -277,7 +279,7 @@ pub(crate) fn gather(local: &mut LocalSet, coarser: &[Option<&LocalSet>]) -> boo
     let Some(field) = &local.far else { return false };
     let exitances = exitances_of(coarser);
     let ancestries = field.ancestries(coarser, &exitances);
-    let sent = vec![Sent::UNKNOWN; field.parent_count];
+    let sent = vec![Sent::unknown(); field.parent_count];
     let sent = |far: &FarShare| {
         let (block, parent) = (far.block as usize, usize::from(far.parent));
         let at = field.starts[block] as usize + parent;
