@@ -2,6 +2,7 @@
 
 use crate::config::{BackendKind, Config};
 use crate::error::ServerError;
+use crate::pipeline_file::DeviceOpener;
 use earthshine_engine::{BackendFactory, SolverConfig};
 use earthshine_gpu::{AdapterChoice, GpuBackend, GpuDevice, GpuRowLight, memory};
 use earthshine_radiosity::solver::row_light::RowLightFactory;
@@ -30,7 +31,7 @@ impl CurrentDevice {
 pub(crate) struct Backends {
     current: CurrentDevice,
     /// None: the CPU.
-    choice: Option<AdapterChoice>,
+    opener: Option<DeviceOpener>,
     strict: bool,
 }
 
@@ -41,17 +42,18 @@ impl Backends {
     /// [`ServerError::Gpu`], [`ServerError::GpuSlots`].
     pub(crate) fn open(config: &Config) -> Result<Self, ServerError> {
         let mut backends =
-            Self { current: CurrentDevice::default(), choice: None, strict: config.gpu_strict };
+            Self { current: CurrentDevice::default(), opener: None, strict: config.gpu_strict };
         if config.backend == BackendKind::Cpu {
             return Ok(backends);
         }
         let choice = AdapterChoice { name: config.gpu_adapter.clone(), allow_software: false };
-        match GpuDevice::open(&choice) {
+        let opener = DeviceOpener::new(choice, &config.gpu_pipeline_cache);
+        match opener.open() {
             Ok(device) => {
                 fits(config, &device)?;
                 tracing::info!(adapter = device.name(), "computing on a device");
                 backends.current.set(Some(device));
-                backends.choice = Some(choice);
+                backends.opener = Some(opener);
             }
             Err(error) if config.backend == BackendKind::Auto => {
                 tracing::warn!(%error, "computing on the CPU");
@@ -68,9 +70,9 @@ impl Backends {
 
     /// Local matrices with as many slots as asked for, or fewer if there is no memory for them.
     fn matrices(&self) -> BackendFactory {
-        let Some(choice) = self.choice.clone() else { return Box::new(on_cpu) };
+        let Some(opener) = self.opener.clone() else { return Box::new(on_cpu) };
         let (current, strict) = (self.current.clone(), self.strict);
-        Box::new(move |wanted| match reopened(&current, &choice) {
+        Box::new(move |wanted| match reopened(&current, &opener) {
             Some(device) => on_device(&device, wanted, strict),
             None => on_cpu(wanted),
         })
@@ -78,7 +80,7 @@ impl Backends {
 
     /// Light over rows, for every method but the matrix.
     fn light(&self) -> RowLightFactory {
-        match self.choice.as_ref().and_then(|choice| reopened(&self.current, choice)) {
+        match self.opener.as_ref().and_then(|opener| reopened(&self.current, opener)) {
             Some(device) => GpuRowLight::factory(&device),
             None => CpuRowLight::factory(),
         }
@@ -119,11 +121,11 @@ fn fits(config: &Config, device: &GpuDevice) -> Result<(), ServerError> {
 }
 
 /// The device, opened again if it was lost; none where that fails, once more tried with the next backend.
-fn reopened(current: &CurrentDevice, choice: &AdapterChoice) -> Option<GpuDevice> {
+fn reopened(current: &CurrentDevice, opener: &DeviceOpener) -> Option<GpuDevice> {
     if let Some(device) = current.get().filter(|device| !device.is_lost()) {
         return Some(device);
     }
-    match GpuDevice::open(choice) {
+    match opener.open() {
         Ok(device) => {
             tracing::warn!(adapter = device.name(), "a lost device was opened again");
             current.set(Some(device.clone()));
@@ -228,7 +230,11 @@ mod tests {
         let Ok(device) = GpuDevice::open(&any) else { return };
         let current = CurrentDevice::default();
         current.set(Some(device.clone()));
-        let backends = Backends { current, choice: Some(any), strict: false };
+        let backends = Backends {
+            current,
+            opener: Some(DeviceOpener::new(any, std::path::Path::new(""))),
+            strict: false,
+        };
         let hybrid = SolverConfig { by_level: vec![Method::Hybrid], ..SolverConfig::default() };
         let step = || {
             let mut backend = (backends.solving(&hybrid))(16).expect("a small backend");

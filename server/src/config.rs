@@ -42,6 +42,11 @@ pub struct Config {
     /// Whether an adapter with less room than is configured is refused, instead of taking what fits.
     pub gpu_strict: bool,
 
+    /// File that keeps compiled kernels from one start to the next; empty for none. Only who runs the server may be able to
+    /// write it, and each adapter needs one of its own. Most drivers keep kernels themselves: `earthshine gpu` measures
+    /// what this adds.
+    pub gpu_pipeline_cache: PathBuf,
+
     /// TCP connections at once, health checks included. Further ones wait in the listen backlog.
     /// - Higher: more file descriptors in the hands of peers that never say hello.
     /// - Lower: a burst of health checks can keep a client waiting.
@@ -181,6 +186,7 @@ impl Default for Config {
             backend: BackendKind::Cpu,
             gpu_adapter: String::new(),
             gpu_strict: false,
+            gpu_pipeline_cache: PathBuf::new(),
             connections_max: 64,
             message_bytes_max: earthshine_protocol::CLIENT_MESSAGE_BYTES_MAX as u32,
             hello_timeout_s: 5.0,

@@ -38,6 +38,7 @@ mod loaded_engine;
 mod metrics;
 mod observer;
 mod pace;
+mod pipeline_file;
 mod promise;
 mod publish;
 mod server;

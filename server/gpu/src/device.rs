@@ -2,6 +2,7 @@
 
 use crate::adapter::{AdapterChoice, GpuError, choose, instance, required_limits};
 use crate::pipeline::{Pipeline, compile_all};
+use crate::pipeline_cache::{Cache, CachedPipelines};
 use crate::timing::{PassTime, PassTotal};
 use earthshine_radiosity::BackendError;
 use std::collections::BTreeMap;
@@ -60,14 +61,33 @@ impl GpuDevice {
     /// # Errors
     /// [`GpuError`].
     pub fn open_within(choice: &AdapterChoice, binding_bytes_max: u64) -> Result<Self, GpuError> {
+        Ok(Self::open_storing(choice, binding_bytes_max, None)?.0)
+    }
+
+    /// As [`Self::open`], given the kernels that an earlier open compiled, whole as it gave them, or no bytes. Those of
+    /// another adapter or driver are refused, and all kernels compiled.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn open_cached(choice: &AdapterChoice, stored: &[u8]) -> Result<(Self, CachedPipelines), GpuError> {
+        Self::open_storing(choice, u64::MAX, Some(stored))
+    }
+
+    fn open_storing(
+        choice: &AdapterChoice,
+        binding_bytes_max: u64,
+        stored: Option<&[u8]>,
+    ) -> Result<(Self, CachedPipelines), GpuError> {
         let adapter = choose(&instance(), choice)?;
         let name = adapter.get_info().name;
         let has_timestamps = adapter.features().contains(Features::TIMESTAMP_QUERY);
+        let caching = if stored.is_some() { Features::PIPELINE_CACHE } else { Features::empty() };
+        let wanted = Features::TIMESTAMP_QUERY | caching;
         let required_limits = required_limits(&adapter.limits());
         let limit = required_limits.max_storage_buffer_binding_size.min(required_limits.max_buffer_size);
         let descriptor = DeviceDescriptor {
             label: Some("earthshine"),
-            required_features: if has_timestamps { Features::TIMESTAMP_QUERY } else { Features::empty() },
+            required_features: wanted & adapter.features(),
             required_limits,
             experimental_features: ExperimentalFeatures::disabled(),
             memory_hints: MemoryHints::Performance,
@@ -81,23 +101,24 @@ impl GpuDevice {
         device.set_device_lost_callback(move |reason, said| on_loss.note(format!("{reason:?}: {said}")));
         // Every call is valid by construction, so what goes wrong is the device: it is of no more use.
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| on_error.note(error.to_string())));
-        let pipelines = compile_all(&device);
+        let cache = stored.map_or_else(Cache::none, |stored| Cache::new(&device, stored));
+        let pipelines = compile_all(&device, cache.wgpu.as_ref());
+        let cached = cache.finish(stored.unwrap_or_default());
         if let Some(cause) = loss.cause() {
             return Err(refused(cause));
         }
         let binding_bytes_max = limit.min(binding_bytes_max);
-        Ok(Self {
-            inner: Arc::new(Inner {
-                name,
-                device,
-                queue,
-                pipelines,
-                loss,
-                binding_bytes_max,
-                has_timestamps,
-                pass_totals: Mutex::default(),
-            }),
-        })
+        let inner = Inner {
+            name,
+            device,
+            queue,
+            pipelines,
+            loss,
+            binding_bytes_max,
+            has_timestamps,
+            pass_totals: Mutex::default(),
+        };
+        Ok((Self { inner: Arc::new(inner) }, cached))
     }
 
     /// The adapter's name.

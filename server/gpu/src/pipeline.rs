@@ -5,8 +5,9 @@ use earthshine_shaders::kernel::{Access, KERNELS, Kernel};
 use std::collections::BTreeMap;
 use wgpu::{
     BindGroupLayout, BindGroupLayoutDescriptor, BindGroupLayoutEntry, BindingType, BufferBindingType,
-    BufferSize, ComputePipeline, ComputePipelineDescriptor, Device, PipelineCompilationOptions,
-    PipelineLayoutDescriptor, ShaderModuleDescriptor, ShaderRuntimeChecks, ShaderSource, ShaderStages,
+    BufferSize, ComputePipeline, ComputePipelineDescriptor, Device, PipelineCache,
+    PipelineCompilationOptions, PipelineLayoutDescriptor, ShaderModuleDescriptor, ShaderRuntimeChecks,
+    ShaderSource, ShaderStages,
 };
 
 /// A kernel, compiled.
@@ -16,12 +17,15 @@ pub(crate) struct Pipeline {
     pub(crate) compute: ComputePipeline,
 }
 
-/// Compiles every kernel.
-pub(crate) fn compile_all(device: &Device) -> BTreeMap<&'static str, Pipeline> {
-    KERNELS.iter().map(|kernel| (kernel.name, compile(device, kernel))).collect()
+/// Compiles every kernel, or takes it from `cache`.
+pub(crate) fn compile_all(
+    device: &Device,
+    cache: Option<&PipelineCache>,
+) -> BTreeMap<&'static str, Pipeline> {
+    KERNELS.iter().map(|kernel| (kernel.name, compile(device, kernel, cache))).collect()
 }
 
-fn compile(device: &Device, kernel: &Kernel) -> Pipeline {
+fn compile(device: &Device, kernel: &Kernel, cache: Option<&PipelineCache>) -> Pipeline {
     let entries = (0..).zip(kernel.bindings).map(|(number, binding)| BindGroupLayoutEntry {
         binding: number,
         visibility: ShaderStages::COMPUTE,
@@ -62,7 +66,7 @@ fn compile(device: &Device, kernel: &Kernel) -> Pipeline {
             constants: &[],
             zero_initialize_workgroup_memory: false,
         },
-        cache: None,
+        cache,
     });
     Pipeline { layout, compute }
 }

@@ -39,6 +39,9 @@ pub struct ServeArgs {
     /// Refuse an adapter with less room than is configured, instead of taking what fits
     #[arg(long = "strict", env = "EARTHSHINE_GPU_STRICT")]
     pub gpu_strict: bool,
+    /// File that keeps compiled kernels from one start to the next
+    #[arg(long, env = "EARTHSHINE_GPU_PIPELINE_CACHE", value_name = "FILE")]
+    pub gpu_pipeline_cache: Option<PathBuf>,
     /// Sessions at once
     #[arg(long, env = "EARTHSHINE_SESSIONS_MAX", value_name = "COUNT")]
     pub sessions_max: Option<u32>,
@@ -89,6 +92,7 @@ impl ServeArgs {
         put(&mut config.engine.solver.audit_every_ticks, self.audit);
         put(&mut config.gpu_adapter, self.gpu_adapter);
         config.gpu_strict |= self.gpu_strict;
+        put(&mut config.gpu_pipeline_cache, self.gpu_pipeline_cache);
         put(&mut config.engine.sessions_max, self.sessions_max);
         put(&mut config.tick_rate_hz, self.tick_rate_hz);
         put(&mut config.loader_threads, self.loader_threads);

@@ -3,7 +3,7 @@
 use crate::output::out;
 use clap::Args;
 use earthshine_gpu::adapter::{AdapterReport, list};
-use earthshine_gpu::{AdapterChoice, GpuDevice, memory};
+use earthshine_gpu::{AdapterChoice, CachedPipelines, Given, GpuDevice, memory};
 use serde::Serialize;
 use std::time::Instant;
 
@@ -47,12 +47,14 @@ struct Adapter {
     slots_max: u32,
     /// Opening it and compiling every kernel; none where that fails.
     open_ms: Option<f64>,
+    /// Opening it twice more: whether to set `gpu_pipeline_cache`.
+    reopened: Option<Reopened>,
     unusable: Option<String>,
 }
 
 impl From<AdapterReport> for Adapter {
     fn from(report: AdapterReport) -> Self {
-        let open_ms = report.unusable.is_none().then(|| opened(&report.name)).flatten();
+        let opened = report.unusable.is_none().then(|| opened(&report.name)).flatten();
         Self {
             name: report.name,
             driver: report.driver,
@@ -68,18 +70,45 @@ impl From<AdapterReport> for Adapter {
             has_timestamps: report.has_timestamps,
             slots_unsplit_max: report.slots_unsplit_max,
             slots_max: report.slots_max,
-            open_ms,
+            open_ms: opened.as_ref().map(|opened| opened.0),
+            reopened: opened.and_then(|opened| opened.1),
             unusable: report.unusable,
         }
     }
 }
 
-/// How long it takes to open the adapter of that name, ms.
-fn opened(name: &str) -> Option<f64> {
-    let start = Instant::now();
+/// The same adapter again, by when the driver has whatever it keeps itself.
+#[derive(Serialize)]
+struct Reopened {
+    without_pipelines_ms: f64,
+    with_pipelines_ms: f64,
+    /// Size of the compiled kernels that it was given.
+    pipeline_bytes: usize,
+    /// Whether it took them.
+    are_pipelines_taken: bool,
+}
+
+/// How long it takes to open the adapter of that name, ms; then without and with its compiled kernels, if it hands them out.
+fn opened(name: &str) -> Option<(f64, Option<Reopened>)> {
     let choice = AdapterChoice { name: name.to_owned(), allow_software: true };
-    let is_open = GpuDevice::open(&choice).is_ok();
-    is_open.then(|| start.elapsed().as_secs_f64() * 1e3)
+    let timed = |stored: Option<&[u8]>| {
+        let start = Instant::now();
+        let pipelines = match stored {
+            Some(stored) => Some(GpuDevice::open_cached(&choice, stored).ok()?.1),
+            None => GpuDevice::open(&choice).ok().map(|_| None)?,
+        };
+        Some((start.elapsed().as_secs_f64() * 1e3, pipelines))
+    };
+    let (open_ms, first) = timed(Some(&[]))?;
+    let reopened = || {
+        let stored = first?.changed?;
+        let (without_pipelines_ms, _) = timed(None)?;
+        let (with_pipelines_ms, found) = timed(Some(&stored))?;
+        let are_pipelines_taken = matches!(found, Some(CachedPipelines { given: Given::Taken, .. }));
+        let pipeline_bytes = stored.len();
+        Some(Reopened { without_pipelines_ms, with_pipelines_ms, pipeline_bytes, are_pipelines_taken })
+    };
+    Some((open_ms, reopened()))
 }
 
 #[derive(Serialize)]
@@ -130,8 +159,22 @@ fn print_adapter(adapter: &Adapter) {
     out!("{:>24}  {} (planes split above {split})", "resident patches, most", adapter.slots_max);
     if let Some(ms) = adapter.open_ms {
         out!("{:>24}  {ms:.0} ms", "opened, kernels ready");
+        out!("{:>24}  {}", "opened again", reopened_text(adapter.reopened.as_ref()));
     }
     if let Some(cause) = &adapter.unusable {
         out!("{:>24}  {cause}", "cannot be used");
     }
+}
+
+fn reopened_text(reopened: Option<&Reopened>) -> String {
+    let Some(of) = reopened else {
+        return "the driver hands out no compiled kernels: gpu_pipeline_cache has no effect".to_owned();
+    };
+    let taken = if of.are_pipelines_taken { "given" } else { "refused" };
+    format!(
+        "{:.0} ms; {:.0} ms with its compiled kernels ({:.1} KiB, {taken})",
+        of.without_pipelines_ms,
+        of.with_pipelines_ms,
+        of.pipeline_bytes as f64 / 1024.0,
+    )
 }
