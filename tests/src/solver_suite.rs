@@ -8,7 +8,7 @@ use earthshine_radiosity::closed_box::ClosedBox;
 use earthshine_radiosity::solver::row_light::RowLightFactory;
 use earthshine_radiosity::solver::shooting::SETTLE_FRAMES;
 use earthshine_radiosity::solver::{Method, SolverBackend, SolverSettings};
-use earthshine_radiosity::{Backend, CpuBackend, Slot, Update};
+use earthshine_radiosity::{Backend, BackendError, CpuBackend, Slot, Update};
 use earthshine_world::Rgb;
 
 const COUNT: u32 = 150;
@@ -36,6 +36,7 @@ pub fn solver_conformance(make: MakeLight<'_>) {
     for method in SETTLING.into_iter().chain([Method::Alias, Method::Cdf]) {
         a_furnace_at_95_percent_stays_in_bounds(make, method);
         a_patch_that_sees_nothing_has_the_light_from_outside(make, method);
+        light_and_rows_that_cannot_be_are_refused(make, method);
     }
     methods_change_without_a_jump(make);
 }
@@ -259,6 +260,47 @@ fn a_patch_that_sees_nothing_has_the_light_from_outside(make: MakeLight<'_>, met
     }
     let light = read(&mut backend, &[Slot(1)])[0];
     assert!((light - Rgb::splat(3.0)).length() < 1e-5, "{method}: {light}");
+}
+
+/// Goal: nothing that is not light or a share of it gets in, and a refusal changes nothing. Method: every such call on a
+/// patch that sees half of itself, then the light of its one source.
+fn light_and_rows_that_cannot_be_are_refused(make: MakeLight<'_>, method: Method) {
+    let mut backend = empty(make, 4, SolverSettings { history_weight: 0.95, ..settings(method) });
+    let add = |row: &[f32]| Update::Add {
+        slot: Slot(0),
+        reflectance: Rgb::splat(0.5),
+        area: 1.0,
+        row: row.iter().map(|&share| (Slot(0), share)).collect(),
+        column: Vec::new(),
+    };
+    for share in [-0.1, 1.5, f32::NAN, f32::INFINITY] {
+        let refused = backend.apply(&[add(&[share])]);
+        assert!(matches!(refused, Err(BackendError::Share(..))), "{method}, {share}: {refused:?}");
+    }
+    let refused = backend.apply(&[add(&[0.6, 0.41])]);
+    assert!(matches!(refused, Err(BackendError::RowSum { slot: Slot(0), .. })), "{method}: {refused:?}");
+    assert!(!backend.is_taken(Slot(0)), "{method}");
+    backend.apply(&[add(&[0.5])]).expect("a free slot");
+    backend.set_sources(&[Slot(0)], &[Rgb::ONE], &[Rgb::ZERO]).expect("taken");
+    for light in [f32::INFINITY, f32::NAN, -1.0].map(|channel| Rgb::new(1.0, channel, 1.0)) {
+        for (own, outside) in [(light, Rgb::ZERO), (Rgb::ZERO, light)] {
+            let refused = backend.set_sources(&[Slot(0)], &[own], &[outside]);
+            assert_eq!(refused, Err(BackendError::NotFinite(Slot(0))), "{method}, {light}");
+        }
+        assert!(backend.set_sky(&[Slot(0)], &[0.5], &[light]).is_err(), "{method}, {light}");
+    }
+    for share in [1.5, -0.1, f32::NAN] {
+        assert!(backend.set_sky(&[Slot(0)], &[share], &[Rgb::ONE]).is_err(), "{method}, {share}");
+    }
+    let free = Err(BackendError::SlotFree(Slot(1)));
+    assert_eq!(backend.set_sources(&[Slot(1)], &[Rgb::ONE], &[Rgb::ZERO]), free, "{method}");
+    assert_eq!(backend.set_sky(&[Slot(1)], &[0.5], &[Rgb::ONE]), free, "{method}");
+    for _ in 0..300 {
+        backend.step().expect("it steps");
+    }
+    // Arriving: half of what leaves, which is the source and half of what arrives.
+    let light = read(&mut backend, &[Slot(0)])[0];
+    assert!((light - Rgb::splat(0.5 / 0.75)).abs().max_element() < 0.08, "{method}: {light}");
 }
 
 /// Goal: a method may change at any time. Method: settled light, then every method in turn; no published light moves

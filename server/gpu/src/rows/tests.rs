@@ -8,7 +8,7 @@ use earthshine_radiosity::closed_box::ClosedBox;
 use earthshine_radiosity::solver::sampler::{FAR, SKY, sky_part};
 use earthshine_radiosity::solver::shooting::{SCALE_KEPT, UNSHOT_TOLERANCE};
 use earthshine_radiosity::solver::{DrawnRows, SolverBackend};
-use earthshine_radiosity::tables::{AliasTable, BuildRoom, RowTable as _};
+use earthshine_radiosity::tables::{AliasTable, BuildRoom, CdfTable, RowTable};
 use earthshine_radiosity::{Backend, CpuBackend, Update};
 use earthshine_shaders::host::{Link, LiveRow, RowSpan};
 use earthshine_shaders::kernel::KERNELS;
@@ -135,14 +135,14 @@ fn words<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(device: &GpuDevice, bu
 
 /// Asserts that rows and tables on the device are those of `residents`, word by word.
 fn assert_is_copy(light: &GpuRowLight, residents: &Residents, size: usize) {
+    let method = light.method;
     let (device, buffers) = (&light.device, &light.buffers);
     let (rows, links): (Vec<LiveRow>, Vec<Link>) =
         (words(device, &buffers.rows), words(device, &buffers.links.buffer));
     let outside: Vec<f32> = words(device, &buffers.outside_shares);
     let (spans, outcomes): (Vec<RowSpan>, Vec<u32>) =
         (words(device, &buffers.spans), words(device, &buffers.outcomes.buffer));
-    let bins: Vec<u32> = words(device, &buffers.bins.buffer);
-    let mut table = AliasTable::default();
+    let [bins, guide]: [Vec<u32>; 2] = [&buffers.bins, &buffers.guide].map(|of| words(device, &of.buffer));
     for slot in 0..size {
         let expected: Vec<Link> = residents
             .links
@@ -160,14 +160,38 @@ fn assert_is_copy(light: &GpuRowLight, residents: &Residents, size: usize) {
         assert_eq!(outside[slot], rest, "{size}: outside of {slot}");
         let sky = sky_part(rest, residents.sky_shares[slot]);
         let weights: Vec<f32> = expected.iter().map(|link| link.share).chain([rest - sky, sky]).collect();
-        table.rebuild(&weights, &mut BuildRoom::default()).expect("finite weights");
+        let table = table_words(method, &weights);
         let span = spans[slot];
         let (first, count) = (span.first_bin as usize, span.item_count as usize);
         let expected: Vec<u32> = expected.iter().map(|link| link.slot).chain([FAR, SKY]).collect();
         assert!(outcomes[first..][..count] == expected, "{size}: outcomes of {slot}");
-        let expected: Vec<u32> = table.bins().iter().map(|bin| bin.0).collect();
-        assert!(bins[first..][..count] == expected, "{size}: bins of {slot}");
+        assert!(bins[first..][..count] == table.bins, "{size}, {method}: bins of {slot}");
+        if method == Method::Cdf {
+            let first = span.first_guide as usize;
+            assert!(guide[first..][..table.guide.len()] == table.guide, "{size}: guide of {slot}");
+        }
     }
+}
+
+/// What a table on the CPU looks like to a shader.
+struct TableWords {
+    bins: Vec<u32>,
+    /// Empty for an alias table.
+    guide: Vec<u32>,
+}
+
+fn table_words(method: Method, weights: &[f32]) -> TableWords {
+    fn built<T: RowTable>(weights: &[f32]) -> T {
+        let mut table = T::default();
+        table.rebuild(weights, &mut BuildRoom::default()).expect("finite weights");
+        table
+    }
+    if method == Method::Cdf {
+        let table: CdfTable = built(weights);
+        return TableWords { bins: table.ends().to_vec(), guide: table.guide().0.to_vec() };
+    }
+    let table: AliasTable = built(weights);
+    TableWords { bins: table.bins().iter().map(|bin| bin.0).collect(), guide: Vec::new() }
 }
 
 /// Goal: rows grow, shrink and move as on the host, and tables are made from them. Method: swaps of many sizes, then every
@@ -175,10 +199,11 @@ fn assert_is_copy(light: &GpuRowLight, residents: &Residents, size: usize) {
 #[test]
 fn rows_and_tables_stay_the_hosts_through_swaps() {
     let Some(device) = device_or_skip() else { return };
-    for size in SIZES {
+    for (size, method) in SIZES.into_iter().flat_map(|size| [Method::Alias, Method::Cdf].map(|of| (size, of)))
+    {
         let mut streamed = Streamed::new(ClosedBox::new(size + size / 2 + 1, 3), size, 3);
         let mut residents = Residents::new(size);
-        let method = settings(Method::Alias);
+        let method = settings(method);
         let dark = vec![[0.0; 4]; size];
         let mut light = GpuRowLight::new(&device, &residents, &method, &dark).expect("small");
         for (leave, enter) in
