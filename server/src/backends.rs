@@ -1,9 +1,10 @@
 //! Who computes: backends for the engine, on the CPU or on a device that is opened again when it is lost.
 
 use crate::config::{BackendKind, Config};
+use crate::device_light::DeviceLight;
 use crate::error::ServerError;
 use crate::pipeline_file::DeviceOpener;
-use earthshine_engine::{BackendFactory, SolverConfig};
+use earthshine_engine::{BackendFactory, Engine, SolverConfig};
 use earthshine_gpu::{AdapterChoice, GpuBackend, GpuDevice, GpuRowLight, memory};
 use earthshine_radiosity::solver::row_light::RowLightFactory;
 use earthshine_radiosity::solver::{CpuRowLight, Method, SolverBackend, SolverSettings};
@@ -66,6 +67,14 @@ impl Backends {
     /// The device, now and after it was opened again.
     pub(crate) fn device(&self) -> CurrentDevice {
         self.current.clone()
+    }
+
+    /// `engine` with direct light on the device, if there is one.
+    pub(crate) fn lighting(&self, engine: Engine) -> Engine {
+        match self.choice {
+            Some(_) => engine.lit_by(|| Box::new(DeviceLight::new(self.device()))),
+            None => engine,
+        }
     }
 
     /// Local matrices with as many slots as asked for, or fewer if there is no memory for them.

@@ -29,6 +29,7 @@ mod backends;
 pub mod config;
 mod connection;
 mod convert;
+mod device_light;
 mod engine_thread;
 mod error;
 mod flow;

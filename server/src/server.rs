@@ -95,7 +95,7 @@ impl Server {
         let solving = backends.solving(&config.engine.solver);
         let engine =
             Engine::new(index.clone(), config.engine.clone(), solving).map_err(ServerError::Index)?;
-        let engine = promise::promising(engine, &config, &index, &store);
+        let engine = promise::promising(backends.lighting(engine), &config, &index, &store);
         let (listener, local_addr) = bind("listen", config.listen).await?;
         let (admin, admin_addr) = bind("admin_listen", config.admin_listen).await?;
         let world = world_name(&config.world);

@@ -121,7 +121,7 @@ impl WorldWatch {
         let index = Arc::new(manifest.index());
         let backends = self.backends.solving(&config.engine.solver);
         let engine = Engine::new((*index).clone(), config.engine.clone(), backends)?;
-        let engine = promising(engine, config, &index, &store);
+        let engine = promising(self.backends.lighting(engine), config, &index, &store);
         let (answers, tiles) = std::sync::mpsc::sync_channel(config.tile_queue as usize);
         let store: Arc<dyn TileStore> = Arc::new(store);
         let requests_max = config.engine.tiles_in_flight_max;

@@ -36,6 +36,10 @@ impl GpuField for [u32; 2] {
     const WGSL: &'static str = "vec2<u32>";
 }
 
+impl GpuField for [f32; 4] {
+    const WGSL: &'static str = "vec4<f32>";
+}
+
 impl GpuField for [f32; 3] {
     const WGSL: &'static str = "vec3<f32>";
 }
@@ -105,6 +109,8 @@ gpu_structs! {
         is_shot: u32,
         /// 1 where patches leave.
         is_leaving: u32,
+        /// Root of the tree over placements of trees.
+        top_node: u32,
     }
 
     /// A patch in its slot; all zero in a free one.
@@ -193,5 +199,99 @@ gpu_structs! {
         lit: [u32; 2],
         /// A bit each.
         wanted: [u32; 2],
+    }
+
+    /// Where one tree stands among others: rows of the map from the world into its frame.
+    TreePlacement {
+        /// With the offset last.
+        to_tree_x: [f32; 4],
+        /// With the offset last.
+        to_tree_y: [f32; 4],
+        /// With the offset last.
+        to_tree_z: [f32; 4],
+        /// Its root.
+        first_node: u32,
+        /// Of its leaves.
+        first_triangle: u32,
+        /// Of no meaning.
+        spare: [u32; 2],
+    }
+
+    /// A triangle in the world.
+    TreeTriangle {
+        /// Corner 0, m.
+        corner: [f32; 3],
+        /// Its number for the host.
+        index: u32,
+        /// Corner 0 minus corner 1, m.
+        edge_1: [f32; 3],
+        /// What a crossing lets through.
+        transmittance: f32,
+        /// Corner 2 minus corner 0, m.
+        edge_2: [f32; 3],
+        /// Of no meaning.
+        spare: u32,
+    }
+
+    /// A ray; crossings count strictly between its distances, in lengths of its direction.
+    RayQuery {
+        /// m.
+        origin: [f32; 3],
+        /// From where crossings count.
+        distance_min_m: f32,
+        /// Of any length.
+        direction: [f32; 3],
+        /// To where; finite.
+        distance_max_m: f32,
+    }
+
+    /// What a ray meets first.
+    RayHit {
+        /// Number of the triangle, or [`NO_TRIANGLE`](crate::limits::NO_TRIANGLE).
+        triangle: u32,
+        /// In lengths of the ray's direction.
+        distance_m: f32,
+    }
+
+    /// A point of a patch that is lit.
+    LightPoint {
+        /// m.
+        position: [f32; 3],
+        /// How far off its surface its shadow rays begin.
+        epsilon_m: f32,
+        /// Unit.
+        normal: [f32; 3],
+        /// Among those that are lit together.
+        of_patch: u32,
+    }
+
+    /// The points of a patch.
+    PointSpan {
+        /// Among all points.
+        first_point: u32,
+        /// Equal shares of the patch.
+        point_count: u32,
+    }
+
+    /// A delta light.
+    Lamp {
+        /// m; not of the sun.
+        position: [f32; 3],
+        /// Sun, bare lamp, lamp with a cone: 0, 1, 2.
+        kind: u32,
+        /// Where its light goes, unit.
+        direction: [f32; 3],
+        /// 0 for no limit.
+        range_m: f32,
+        /// cd; of the sun what a surface receives that faces a place of its disc, lx.
+        intensity: [f32; 3],
+        /// Of the cap of directions that is the sun's disc, on the unit sphere.
+        cap_height: f32,
+        /// Of the cone's inner half angle.
+        inner_cosine: f32,
+        /// Of its outer half angle.
+        outer_cosine: f32,
+        /// Of no meaning.
+        spare: [u32; 2],
     }
 }

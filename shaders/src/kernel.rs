@@ -48,9 +48,15 @@ const fn written(name: &'static str) -> Binding {
     Binding { name, access: Access::ReadWrite }
 }
 
-/// Names a kernel, the common files it is put together from, and its buffers after the pass's uniform.
+/// Names a kernel, the common files it is put together from, its buffers after the pass's uniform, and the threads of its
+/// workgroups where they are not the usual.
 macro_rules! kernel {
-    ($(#[$doc:meta])* $constant:ident = $name:literal, [$($common:literal),*], [$($binding:expr),* $(,)?]) => {
+    ($(#[$doc:meta])* $constant:ident = $name:literal, $common:tt, $bindings:tt) => {
+        kernel!($(#[$doc])* $constant = $name, $common, $bindings, crate::limits::LANES);
+    };
+    (
+        $(#[$doc:meta])* $constant:ident = $name:literal, [$($common:literal),*], [$($binding:expr),* $(,)?], $lanes:expr
+    ) => {
         $(#[$doc])*
         pub const $constant: Kernel = Kernel {
             name: $name,
@@ -61,7 +67,7 @@ macro_rules! kernel {
                 include_str!(concat!("../wgsl/kernels/", $name, ".wgsl")),
             ),
             bindings: &[uniform("pass_of"), $($binding),*],
-            workgroup_size: [crate::limits::LANES, 1, 1],
+            workgroup_size: [$lanes, 1, 1],
         };
     };
 }
@@ -298,6 +304,33 @@ kernel!(
         read("guide"),
     ]
 );
+kernel!(
+    /// The closest triangle along rays.
+    TRACE_CLOSEST = "trace_closest",
+    ["wide_tree"],
+    [read("nodes"), read("placements"), read("triangles"), read("queries"), written("hits")],
+    crate::limits::RAY_LANES
+);
+kernel!(
+    /// What lights bring to points, with shadows.
+    LIGHT_POINTS = "light_points",
+    ["wide_tree"],
+    [
+        read("nodes"),
+        read("placements"),
+        read("triangles"),
+        read("points"),
+        read("spans"),
+        read("lamps"),
+        read("shifts"),
+        written("arriving"),
+    ],
+    crate::limits::RAY_LANES
+);
+kernel!(
+    /// What arrives at points of all lamps.
+    SUM_LAMPS = "sum_lamps", [], [read("arriving"), written("on_points")], crate::limits::RAY_LANES
+);
 
 /// Every kernel.
 pub const KERNELS: &[Kernel] = &[
@@ -336,4 +369,7 @@ pub const KERNELS: &[Kernel] = &[
     PUBLISH_LIGHT,
     DRAW_ALIAS,
     DRAW_CDF,
+    TRACE_CLOSEST,
+    LIGHT_POINTS,
+    SUM_LAMPS,
 ];

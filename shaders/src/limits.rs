@@ -32,6 +32,12 @@ pub const SHOT_LINKS_OF_LAST: u32 = 7;
 pub const SHOT_WORDS: u32 = 8;
 /// Classes of importance: sign, exponent and three bits of a positive `f32`.
 pub const SHOT_CLASSES: u32 = 1 << 11;
+/// Threads of a workgroup that follows rays: few, so that long ways hold up few.
+pub const RAY_LANES: u32 = 64;
+/// Groups of nodes that a ray may leave waiting, of both levels of trees together.
+pub const TREE_STACK: u32 = 40;
+/// Of a ray that meets no triangle.
+pub const NO_TRIANGLE: u32 = u32::MAX;
 
 /// Every constant that a kernel may name, as WGSL has it. A test holds each kernel against this list.
 pub const CONSTANTS: &[(&str, u32)] = &[
@@ -50,4 +56,7 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("SHOT_LAST_CLASS", SHOT_LAST_CLASS),
     ("SHOT_LINKS_OF_LAST", SHOT_LINKS_OF_LAST),
     ("SHOT_CLASSES", SHOT_CLASSES),
+    ("RAY_LANES", RAY_LANES),
+    ("TREE_STACK", TREE_STACK),
+    ("NO_TRIANGLE", NO_TRIANGLE),
 ];

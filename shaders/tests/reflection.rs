@@ -4,7 +4,7 @@
 
 use earthshine_shaders::LOOKUP_IRRADIANCE;
 use earthshine_shaders::host::LAYOUTS;
-use earthshine_shaders::kernel::{Access, Binding, KERNELS, Kernel};
+use earthshine_shaders::kernel::{Access, Binding, KERNELS, Kernel, LIGHT_POINTS, TRACE_CLOSEST};
 use earthshine_shaders::limits::CONSTANTS;
 use earthshine_volume::lookup::{AIR_FLOOR, NORMAL_OFFSET_VOXELS, SURFACE_WEIGHT, WEIGHT_MIN};
 use earthshine_volume::plane::{PLANE_REACH_VOXELS, PLANE_STEPS};
@@ -172,6 +172,25 @@ fn f32_constant(module: &naga::Module, name: &str) -> f32 {
         Some(Literal::F32(value)) => value,
         other => panic!("{name} is {other:?}"),
     }
+}
+
+/// Goal: a device follows rays by the rules of the CPU.
+#[test]
+fn the_tracing_kernels_have_the_constants_of_the_cpu() {
+    use earthshine_light::arrival::CONE_COSINES_MIN;
+    use earthshine_light::direct::GOLDEN_TURN;
+    use earthshine_light::occluders::TRANSMITTANCE_MIN;
+    use earthshine_light::ray_triangle::EDGE_TOLERANCE;
+    use earthshine_trace::{RUN_UP_M, TIE_ROOM};
+    let module = parsed(TRACE_CLOSEST.source);
+    assert_eq!(f32_constant(&module, "EDGE_TOLERANCE"), EDGE_TOLERANCE);
+    assert_eq!(f32_constant(&module, "DIRECTION_MIN"), f32::EPSILON);
+    assert_eq!(f32_constant(&module, "TIE_ROOM"), TIE_ROOM);
+    assert_eq!(f32_constant(&module, "RUN_UP_M"), RUN_UP_M);
+    let module = parsed(LIGHT_POINTS.source);
+    assert_eq!(f32_constant(&module, "CONE_COSINES_MIN"), CONE_COSINES_MIN);
+    assert_eq!(f32_constant(&module, "GOLDEN_TURN"), GOLDEN_TURN);
+    assert_eq!(f32_constant(&module, "TRANSMITTANCE_MIN"), TRANSMITTANCE_MIN);
 }
 
 fn span(module: &naga::Module, name: &str) -> u32 {

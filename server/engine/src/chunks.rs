@@ -8,7 +8,7 @@ use crate::error::TileFault;
 use crate::levels::LevelPlan;
 use crate::residency::ChunkState;
 use crate::tile::{Tile, estimated_bytes};
-use earthshine_light::Occluders;
+use earthshine_light::{DirectLight, Occluders};
 use earthshine_world::lineage::Lineage;
 use earthshine_world::{Bounds, Chunk, ChunkCoord, ChunkId, Vec3, WorldIndex};
 use std::collections::{BTreeMap, BTreeSet};
@@ -126,6 +126,11 @@ impl ChunkTable {
     /// What casts shadows on `level`.
     pub(crate) fn casters(&self, level: u8) -> &ShadowCasters {
         &self.casters[usize::from(level)]
+    }
+
+    /// Has each level lit by what `make` gives.
+    pub(crate) fn light_by(&mut self, mut make: impl FnMut() -> Box<dyn DirectLight>) {
+        self.casters.iter_mut().for_each(|casters| casters.light_by(make()));
     }
 
     pub(crate) fn get(&self, id: ChunkId) -> Option<&ChunkEntry> {

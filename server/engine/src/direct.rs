@@ -3,11 +3,11 @@
 //! It owns the shadow casters of all chunks in memory and says when and where they have changed; which slots are lit again,
 //! and when, is [`crate::relight`]'s business.
 
-use earthshine_light::{OccluderSet, Occluders, direct_irradiance, direct_irradiance_on};
+use earthshine_light::{DirectLight, OccluderSet, Occluders, PatchPoints, direct_irradiance_on, told_apart};
 use earthshine_world::random::{Purpose, hash};
 use earthshine_world::{Bounds, ChunkId, Light, OccluderMesh, Patch, Rgb, SamplePoint};
 use std::collections::VecDeque;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// How far shadow rays start off their surface at least, in voxel edges.
 const RAY_EPSILON_VOXELS: f32 = 1e-3;
@@ -24,6 +24,8 @@ pub(crate) struct ShadowCasters {
     changes: VecDeque<Bounds>,
     seed: u64,
     ray_epsilon_m: f32,
+    /// Lights many patches at once, where there is one.
+    device: Option<Mutex<Box<dyn DirectLight>>>,
 }
 
 impl ShadowCasters {
@@ -35,7 +37,13 @@ impl ShadowCasters {
             changes: VecDeque::new(),
             seed,
             ray_epsilon_m: voxels * voxel_edge_m,
+            device: None,
         }
+    }
+
+    /// Patches are lit by `device` from now on, as far as it can.
+    pub(crate) fn light_by(&mut self, device: Box<dyn DirectLight>) {
+        self.device = Some(Mutex::new(device));
     }
 
     /// Counts changes.
@@ -80,36 +88,95 @@ impl ShadowCasters {
         }
     }
 
-    /// Irradiance on `patch` from delta lights, lx: the same bits for the same lights, casters and seed.
-    pub(crate) fn irradiance(&self, lights: &[Light], patch: &Patch, points: &[SamplePoint]) -> Rgb {
-        if lights.is_empty() {
-            return Rgb::ZERO;
-        }
-        direct_irradiance(&self.set, lights, points, self.epsilon_m(patch), self.patch_seed(patch))
-    }
-
-    /// The same, and that on each of `points`; nothing where all have the same.
-    pub(crate) fn irradiance_on(
+    /// Irradiance on each of `patches`, with its points, from delta lights, lx, and that on each of the points; nothing where
+    /// all have the same. The same bits for the same lights, casters and seed, on one device or on the CPU.
+    pub(crate) fn irradiance(
         &self,
         lights: &[Light],
-        patch: &Patch,
-        points: &[SamplePoint],
-    ) -> (Rgb, Box<[Rgb]>) {
+        patches: &[(&Patch, &[SamplePoint])],
+    ) -> Vec<(Rgb, Box<[Rgb]>)> {
         if lights.is_empty() {
-            return (Rgb::ZERO, Box::default());
+            return vec![(Rgb::ZERO, Box::default()); patches.len()];
         }
-        let (epsilon_m, seed) = (self.epsilon_m(patch), self.patch_seed(patch));
-        direct_irradiance_on(&self.set, lights, points, epsilon_m, seed)
+        let asked: Vec<PatchPoints<'_>> =
+            patches.iter().map(|&(patch, points)| self.asked(patch, points)).collect();
+        let by_device = self.device.as_ref().and_then(|device| {
+            device.lock().unwrap_or_else(PoisonError::into_inner).on_points(&self.set, lights, &asked)
+        });
+        let Some(on_points) = by_device else {
+            let on_cpu = |of: &PatchPoints<'_>| {
+                direct_irradiance_on(&self.set, lights, of.points, of.epsilon_m, of.seed)
+            };
+            return asked.iter().map(on_cpu).collect();
+        };
+        let mut rest = &on_points[..];
+        let mut next = |of: &PatchPoints<'_>| {
+            let (own, others) = rest.split_at(of.points.len());
+            rest = others;
+            (own.iter().sum::<Rgb>() / own.len().max(1) as f32, told_apart(own))
+        };
+        asked.iter().map(&mut next).collect()
     }
 
-    fn epsilon_m(&self, patch: &Patch) -> f32 {
+    fn asked<'a>(&self, patch: &Patch, points: &'a [SamplePoint]) -> PatchPoints<'a> {
         let rounding = 8.0 * f32::EPSILON * patch.centroid.abs().max_element();
-        self.ray_epsilon_m.max(rounding)
+        PatchPoints { points, epsilon_m: self.ray_epsilon_m.max(rounding), seed: self.patch_seed(patch) }
     }
 
     /// The patch's own, wherever it is resident.
     fn patch_seed(&self, patch: &Patch) -> u64 {
         let [x, y, z] = patch.voxel.to_array().map(|c| u64::from(c.cast_unsigned()));
         hash(self.seed, Purpose::SunDisc, x << 32 | y, z << 32 | patch.direction.index() as u64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use earthshine_world::{Direction, Vec3, VoxelCoord};
+
+    /// Lights batches of two and more, and nothing else.
+    #[derive(Debug)]
+    struct Fussy;
+
+    impl DirectLight for Fussy {
+        fn on_points(
+            &mut self,
+            _: &OccluderSet,
+            _: &[Light],
+            patches: &[PatchPoints<'_>],
+        ) -> Option<Vec<Rgb>> {
+            let counts: usize = patches.iter().map(|patch| patch.points.len()).sum();
+            (patches.len() > 1).then(|| (0..counts).map(|at| Rgb::splat(at as f32)).collect())
+        }
+    }
+
+    #[test]
+    fn a_device_lights_what_it_can_and_the_cpu_the_rest() {
+        let sun = Light::Directional {
+            direction: Vec3::NEG_Y,
+            illuminance: Rgb::splat(10.0),
+            angular_diameter_rad: 0.0,
+        };
+        let patch = Patch {
+            voxel: VoxelCoord::ZERO,
+            direction: Direction::PosY,
+            area: 1.0,
+            centroid: Vec3::ZERO,
+            reflectance: Rgb::splat(0.5),
+            emission: Rgb::ZERO,
+            point_first: 0,
+            point_count: 1,
+        };
+        let point = SamplePoint { position: Vec3::ZERO, normal: Vec3::Y };
+        let asked = [(&patch, &[point; 1][..]), (&patch, &[point; 3][..])];
+        let alike = |light: f32| (Rgb::splat(light), Box::<[Rgb]>::default());
+        let mut casters = ShadowCasters::new(1, 0, 1.0);
+        assert_eq!(casters.irradiance(&[sun], &asked), [alike(10.0), alike(10.0)]);
+        casters.light_by(Box::new(Fussy));
+        let apart = [1.0, 2.0, 3.0].map(Rgb::splat);
+        assert_eq!(casters.irradiance(&[sun], &asked), [alike(0.0), (Rgb::splat(2.0), Box::new(apart) as _)]);
+        assert_eq!(casters.irradiance(&[sun], &asked[..1]), [alike(10.0)]);
+        assert_eq!(casters.irradiance(&[], &asked), [alike(0.0), alike(0.0)]);
     }
 }

@@ -13,6 +13,7 @@ use crate::schedule::{next_requests, wanted_chunks};
 use crate::session::Session;
 use crate::stats::{Counters, EngineStats, TickStats};
 use crate::{Command, Event, SessionId, SolverConfig};
+use earthshine_light::DirectLight;
 use earthshine_light::Occluders;
 use earthshine_radiosity::{Backend, BackendError};
 use earthshine_world::lineage::Lineage;
@@ -112,6 +113,13 @@ impl Engine {
             effort: Effort::FULL,
             counters: Counters::default(),
         })
+    }
+
+    /// Has direct light of each level computed by what `make` gives, as far as that can; the CPU does the rest.
+    #[must_use]
+    pub fn lit_by(mut self, make: impl FnMut() -> Box<dyn DirectLight>) -> Self {
+        self.chunks.light_by(make);
+        self
     }
 
     /// Takes `events` in order, does one tick's share of the work and appends what it wants done to `commands`.

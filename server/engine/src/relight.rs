@@ -159,24 +159,24 @@ impl<'a> Relight<'a> {
     pub(crate) fn light(&self, local: &mut LocalSet, slots: &[u32], most: u32) -> (u32, u32) {
         let (mut lit, mut spent) = (0u32, 0u32);
         for &slot in slots {
-            let resident = local.resident(slot);
-            let cost = self.cost(&resident.patch);
+            let cost = self.cost(&local.resident(slot).patch);
             if lit > 0 && spent.saturating_add(cost) > most {
                 break;
             }
-            let points = local.chunk_of(resident.id).points_of(&resident.patch);
-            let (direct_irradiance, on_points) = if self.has_detail {
-                self.casters.irradiance_on(self.lights, &resident.patch, points)
-            } else {
-                (self.casters.irradiance(self.lights, &resident.patch, points), Box::default())
-            };
-            let light = &mut local.resident_mut(slot).light;
-            light.direct_irradiance = direct_irradiance;
-            light.on_points = on_points;
-            light.lit = Some(self.stamp);
-            light.lit_tick = self.tick;
             lit += 1;
             spent = spent.saturating_add(cost);
+        }
+        let slots = &slots[..lit as usize];
+        let residents = slots.iter().map(|&slot| local.resident(slot));
+        let patches: Vec<_> =
+            residents.map(|of| (&of.patch, local.chunk_of(of.id).points_of(&of.patch))).collect();
+        let irradiances = self.casters.irradiance(self.lights, &patches);
+        for (&slot, (direct_irradiance, on_points)) in slots.iter().zip(irradiances) {
+            let light = &mut local.resident_mut(slot).light;
+            light.direct_irradiance = direct_irradiance;
+            light.on_points = if self.has_detail { on_points } else { Box::default() };
+            light.lit = Some(self.stamp);
+            light.lit_tick = self.tick;
         }
         (lit, spent)
     }

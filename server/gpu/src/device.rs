@@ -45,7 +45,7 @@ struct Inner {
 }
 
 /// Of every buffer: no struct of the shaders is larger.
-const BUFFER_BYTES_MIN: u64 = 32;
+const BUFFER_BYTES_MIN: u64 = 64;
 
 impl GpuDevice {
     /// Opens the adapter that `choice` means and compiles all kernels for it: some 10 to 1,000 ms, once.

@@ -19,13 +19,15 @@
 //! driver. Other devices round differently.
 //!
 //! Start at [`adapter`], then [`GpuBackend`]; `matrix` holds the passes, `recorder` how one is run. [`rows`] advances light
-//! over sparse rows, by any method but the matrix; [`alias`] builds tables by themselves, to measure. [`copy_bench`] is what kernels are measured against.
+//! over sparse rows, by any method but the matrix; [`alias`] builds tables by themselves, to measure. [`rays`] follows
+//! rays through the CPU's trees, [`direct`] lights patches through those of resident chunks. [`copy_bench`] is what kernels are measured against.
 
 pub mod adapter;
 pub mod alias;
 mod backend;
 pub mod copy_bench;
 mod device;
+pub mod direct;
 #[cfg(test)]
 mod kernel_tests;
 mod matrix;
@@ -33,6 +35,7 @@ pub mod memory;
 mod pipeline;
 mod pipeline_cache;
 mod plane;
+pub mod rays;
 mod readback;
 mod recorder;
 pub mod rows;

@@ -18,7 +18,7 @@ pub struct Arrival {
 }
 
 /// Smallest difference of the cone's cosines, as `KHR_lights_punctual` bounds it.
-const CONE_COSINES_MIN: f32 = 1e-3;
+pub const CONE_COSINES_MIN: f32 = 1e-3;
 
 /// What `light` brings to `position` on a surface facing `normal` (unit); `None` when it cannot reach.
 ///

@@ -9,7 +9,7 @@ use earthshine_world::{Light, Rgb, SamplePoint, Vec3};
 
 /// The golden ratio's turn: with radii in equal steps of area, the points form Vogel's spiral, which covers a disc
 /// evenly with any number of points.
-const GOLDEN_TURN: f32 = 0.618_034;
+pub const GOLDEN_TURN: f32 = 0.618_034;
 
 /// Mean irradiance from `lights` over `points`, lx, with shadows by `occluders`.
 ///
@@ -41,10 +41,14 @@ pub fn direct_irradiance_on(
     let mut on_points = vec![Rgb::ZERO; points.len()];
     let each = |point: usize, light: Rgb| on_points[point] += light;
     let mean = irradiance_by_point(occluders, lights, points, epsilon_m, seed, each);
-    if on_points.windows(2).all(|pair| pair[0] == pair[1]) {
-        on_points.clear();
-    }
-    (mean, on_points.into_boxed_slice())
+    (mean, told_apart(&on_points))
+}
+
+/// The light on points where it is not all the same, else nothing.
+#[must_use]
+pub fn told_apart(on_points: &[Rgb]) -> Box<[Rgb]> {
+    let are_alike = on_points.windows(2).all(|pair| pair[0] == pair[1]);
+    if are_alike { Box::default() } else { on_points.into() }
 }
 
 /// The mean; `each` is told what every light brings to every point.
@@ -79,6 +83,38 @@ fn reaches(light: &Light, (low, high): (Vec3, Vec3)) -> bool {
         return true;
     };
     range_m.is_none_or(|range_m| position.distance(position.clamp(low, high)) <= range_m)
+}
+
+/// A patch whose direct light is asked for.
+#[derive(Debug, Clone, Copy)]
+pub struct PatchPoints<'a> {
+    /// Equal shares of it.
+    pub points: &'a [SamplePoint],
+    /// How far off its surface shadow rays begin, m.
+    pub epsilon_m: f32,
+    /// Of the places on the sun's disc.
+    pub seed: u64,
+}
+
+impl PatchPoints<'_> {
+    /// Where its walk over the disc of light `light_index` begins: share of the area within, and turn.
+    #[must_use]
+    pub fn disc_shift(&self, light_index: usize) -> (f32, f32) {
+        self.points.first().map_or((0.0, 0.0), |first| disc_shift(self.seed, light_index, first.position))
+    }
+}
+
+/// Lights many patches at once, elsewhere than on the CPU.
+pub trait DirectLight: Send + std::fmt::Debug {
+    /// The irradiance on each of all points of `patches`, in order, as [`direct_irradiance_on`] has it, to rounding; a shadow's
+    /// edge may pass a point on the other side. `None` where the CPU has to do it: too few to be worth the way, or no device
+    /// any more.
+    fn on_points(
+        &mut self,
+        occluders: &OccluderSet,
+        lights: &[Light],
+        patches: &[PatchPoints<'_>],
+    ) -> Option<Vec<Rgb>>;
 }
 
 fn shadowed(

@@ -14,6 +14,7 @@
 //! | [`occluders`] | one chunk's shadow casters |
 //! | [`occluder_set`] | the shadow casters of all resident chunks |
 //! | [`ray_triangle`] | where a ray crosses a triangle |
+//! | [`tree_layout`] | the same trees for a device that follows rays by itself |
 
 pub mod arrival;
 pub mod direct;
@@ -21,9 +22,11 @@ pub mod near;
 pub mod occluder_set;
 pub mod occluders;
 pub mod ray_triangle;
+pub mod tree_layout;
 
 pub use arrival::{Arrival, arrival};
-pub use direct::{direct_irradiance, direct_irradiance_on};
+pub use direct::{DirectLight, PatchPoints, direct_irradiance, direct_irradiance_on, told_apart};
 pub use near::{NEAR_SHARE_MIN, NearPatch, Viewer};
 pub use occluder_set::OccluderSet;
 pub use occluders::Occluders;
+pub use tree_layout::TreeLayout;

@@ -6,23 +6,22 @@
 
 use crate::occluders::{Occluders, TRANSMITTANCE_MIN};
 use crate::ray_triangle::ray;
+use crate::tree_layout::{NodeWords, depth, over, words};
 use earthshine_world::{ChunkId, Vec3};
 use glam::UVec2;
-use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::cwbvh::CwBvh;
-use obvhs::cwbvh::builder::build_cwbvh;
 use obvhs::cwbvh::node::CwBvhNode;
 use obvhs::ray::Ray;
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
-use std::time::Duration;
 
 /// Resident chunks' shadow casters.
 #[derive(Debug, Default)]
 pub struct OccluderSet {
     chunks: BTreeMap<ChunkId, Arc<Occluders>>,
     top: OnceLock<TopLevel>,
+    changes: u64,
 }
 
 #[derive(Debug)]
@@ -43,13 +42,32 @@ impl OccluderSet {
     pub fn insert(&mut self, chunk: ChunkId, occluders: Arc<Occluders>) {
         self.chunks.insert(chunk, occluders);
         self.top = OnceLock::new();
+        self.changes += 1;
     }
 
     /// Takes `chunk`'s away; without effect if it has none.
     pub fn remove(&mut self, chunk: ChunkId) {
         if self.chunks.remove(&chunk).is_some() {
             self.top = OnceLock::new();
+            self.changes += 1;
         }
+    }
+
+    /// Counts how often chunks came and went.
+    #[must_use]
+    pub fn changes(&self) -> u64 {
+        self.changes
+    }
+
+    /// The chunks that cast shadows, in the order of the top tree's leaves, with the nodes of that tree and its depth.
+    #[must_use]
+    pub fn top_level(&self) -> (Vec<NodeWords>, u32, &[Arc<Occluders>]) {
+        let top = self.top();
+        (words(&top.tree).collect(), depth(&top.tree), &top.chunks)
+    }
+
+    fn top(&self) -> &TopLevel {
+        self.top.get_or_init(|| TopLevel::build(&self.chunks))
     }
 
     /// How many chunks there are, those without casters too.
@@ -71,7 +89,7 @@ impl OccluderSet {
     /// `from` off its own surface first.
     #[must_use]
     pub fn transmittance(&self, from: Vec3, direction: Vec3, distance_m: f32) -> f32 {
-        let top = self.top.get_or_init(|| TopLevel::build(&self.chunks));
+        let top = self.top();
         if top.chunks.is_empty() {
             return 1.0;
         }
@@ -91,7 +109,7 @@ impl TopLevel {
             .map(|occluders| occluders.bounds())
             .map(|bounds| Aabb::new(bounds.min.into(), bounds.max.into()))
             .collect();
-        let tree = build_cwbvh(&boxes, BvhBuildParams::fast_build(), &mut Duration::default());
+        let tree = over(&boxes);
         let chunks =
             tree.primitive_indices.iter().map(|&index| Arc::clone(casting[index as usize])).collect();
         Self { tree, chunks }

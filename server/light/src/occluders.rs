@@ -4,6 +4,7 @@
 //! no materials and no closest hit here.
 
 use crate::ray_triangle::RayTriangle;
+use crate::tree_layout::{NodeWords, PlacedTriangle, depth, words};
 use earthshine_world::{Bounds, OccluderMesh, Vec3};
 use glam::UVec2;
 use obvhs::BvhBuildParams;
@@ -71,6 +72,12 @@ impl Occluders {
         self.triangles.len()
     }
 
+    /// How many nodes the tree has for a device: one at least.
+    #[must_use]
+    pub fn node_count(&self) -> usize {
+        self.tree.nodes.len().max(1)
+    }
+
     /// Memory held, bytes.
     #[must_use]
     pub fn bytes(&self) -> usize {
@@ -78,6 +85,15 @@ impl Occluders {
             + size_of_val(self.tree.primitive_indices.as_slice())
             + size_of_val(self.triangles.as_slice())
             + size_of_val(self.transmittances.as_slice())
+    }
+
+    /// The tree and its triangles for a device, and how deep it is.
+    #[must_use]
+    pub fn layout(&self) -> (Vec<NodeWords>, Vec<PlacedTriangle>, u32) {
+        let placed = (0..).zip(self.triangles.iter().zip(&self.transmittances));
+        let placed = placed
+            .map(|(index, (triangle, &transmittance))| PlacedTriangle::new(triangle, index, transmittance));
+        (words(&self.tree).collect(), placed.collect(), depth(&self.tree))
     }
 
     /// Share of light that passes along `ray`, below `remaining` by what this chunk takes away.

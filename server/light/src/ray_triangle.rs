@@ -9,7 +9,7 @@ use obvhs::ray::Ray;
 use obvhs::rt_triangle::RtTriangle;
 
 /// How far outside an edge still counts, in barycentric units: a few roundings of `f32`.
-const EDGE_TOLERANCE: f32 = 1e-6;
+pub const EDGE_TOLERANCE: f32 = 1e-6;
 
 /// A ray for the trees of `obvhs`, for crossings with `distance_min < distance < distance_max`.
 ///
@@ -49,6 +49,12 @@ impl RayTriangle {
     #[must_use]
     pub fn new([a, b, c]: [Vec3; 3]) -> Self {
         Self(RtTriangle::new(a.into(), b.into(), c.into()))
+    }
+
+    /// Corner 0, corner 0 minus corner 1, corner 2 minus corner 0: all that a crossing hangs on.
+    #[must_use]
+    pub fn corner_and_edges(&self) -> [Vec3; 3] {
+        [self.0.v0.into(), self.0.e1.into(), self.0.e2.into()]
     }
 
     /// The crossing with `tmin < distance < tmax` of `ray`, if there is one.

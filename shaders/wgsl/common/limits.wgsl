@@ -12,3 +12,9 @@ const SECTIONS: u32 = 4u;
 const RETURN_BANDS: u32 = 16u;
 // Workgroups in a row of a grid that is too long for one dimension.
 const GRID_WIDTH: u32 = 4096u;
+// Threads of a workgroup that follows rays: few, so that long ways hold up few.
+const RAY_LANES: u32 = 64u;
+// Groups of nodes that a ray may leave waiting, of both levels of trees together.
+const TREE_STACK: u32 = 40u;
+// Of a ray that meets no triangle.
+const NO_TRIANGLE: u32 = 0xFFFFFFFFu;

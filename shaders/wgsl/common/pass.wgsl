@@ -19,6 +19,7 @@ struct Pass {
     taken_count: u32,       // 64  slots with a patch
     is_shot: u32,           // 68  1 where light is shot
     is_leaving: u32,        // 72  1 where patches leave
-}                           // 76
+    top_node: u32,          // 76  root of the tree over placements of trees
+}                           // 80
 
 @group(0) @binding(0) var<uniform> pass_of: Pass;

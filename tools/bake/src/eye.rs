@@ -6,8 +6,9 @@
 
 use crate::cells::Seen;
 use crate::changes::Changes;
+use crate::foresight::Foresight;
 use earthshine_scene::Scene;
-use earthshine_trace::{Hit, SceneTracer};
+use earthshine_trace::{Hit, Query, SceneTracer};
 use earthshine_world::{Vec3, VoxelCoord};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,6 +18,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub struct Eye<'a> {
     tracer: &'a SceneTracer<'a>,
     purpose: Purpose<'a>,
+    /// Rays that a device has traced already.
+    foresight: Option<&'a Foresight>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -101,7 +104,7 @@ impl<'a> Probe<'a> {
 
 impl<'a> From<&'a SceneTracer<'a>> for Eye<'a> {
     fn from(tracer: &'a SceneTracer<'a>) -> Self {
-        Self { tracer, purpose: Purpose::Look }
+        Self { tracer, purpose: Purpose::Look, foresight: None }
     }
 }
 
@@ -109,17 +112,22 @@ impl<'a> Eye<'a> {
     /// Notes in `seen` what rays cross.
     #[must_use]
     pub fn noting(tracer: &'a SceneTracer<'a>, seen: &'a Seen<'a>) -> Self {
-        Self { tracer, purpose: Purpose::Note(seen) }
+        Self { tracer, purpose: Purpose::Note(seen), foresight: None }
     }
 
     /// Leaves its rays in `trail`.
     pub(crate) fn trailing(tracer: &'a SceneTracer<'a>, trail: &'a Trail) -> Self {
-        Self { tracer, purpose: Purpose::Trail(trail) }
+        Self { tracer, purpose: Purpose::Trail(trail), foresight: None }
     }
 
     /// Does not look, and has `probe` asked about each ray.
     pub(crate) fn asking(tracer: &'a SceneTracer<'a>, probe: &'a Probe<'a>) -> Self {
-        Self { tracer, purpose: Purpose::Ask(probe) }
+        Self { tracer, purpose: Purpose::Ask(probe), foresight: None }
+    }
+
+    /// The same, with foresight if there is any.
+    pub(crate) fn foreseeing(self, foresight: Option<&'a Foresight>) -> Self {
+        Self { foresight, ..self }
     }
 
     /// What is looked at.
@@ -137,7 +145,10 @@ impl<'a> Eye<'a> {
     /// As [`SceneTracer::closest`] from a distance of zero on.
     #[must_use]
     pub fn closest(&self, origin: Vec3, direction: Vec3, distance_max: f32) -> Option<Hit> {
-        let look = || self.tracer.closest(origin, direction, 0.0, distance_max);
+        let look = || match self.foresight {
+            Some(foresight) => foresight.closest(self.tracer, Query { origin, direction, distance_max }),
+            None => self.tracer.closest(origin, direction, 0.0, distance_max),
+        };
         let reach = |hit: &Option<Hit>| hit.map_or(distance_max, |hit| hit.distance);
         match self.purpose {
             Purpose::Look => look(),
@@ -170,7 +181,13 @@ impl<'a> Eye<'a> {
                 return false;
             }
         }
-        self.tracer.is_blocked(origin, direction, distance)
+        match self.foresight {
+            // Whatever is in between is the first thing in between.
+            Some(foresight) => {
+                foresight.closest(self.tracer, Query { origin, direction, distance_max: distance }).is_some()
+            }
+            None => self.tracer.is_blocked(origin, direction, distance),
+        }
     }
 
     /// Notes the voxel that a hit is counted for.

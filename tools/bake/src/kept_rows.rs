@@ -3,6 +3,7 @@
 //! A file of the work folder is good as it is, or good but for the rows whose rays come to what changed since, or of no
 //! use. Rows go in units that are traced together: one for a patch, six for a voxel of air.
 
+use crate::BakeError;
 use crate::changes::Changes;
 use crate::row_files::{self, FoundRows, RowIndex};
 use crate::rows::RawRow;
@@ -61,34 +62,40 @@ impl Kept {
         }
     }
 
-    /// All `units` of `per` rows each: as kept, or from `trace` where there is nothing, or a patch is gone, or
-    /// `is_concerned` by what changed.
+    /// All `units` of `per` rows each: as kept, or from `trace`, which is given all at once, where there is nothing, or a
+    /// patch is gone, or `is_concerned` by what changed.
+    ///
+    /// # Errors
+    /// Those of `trace`.
     pub(crate) fn renewed(
         self,
         (units, per): (usize, usize),
         is_concerned: impl Fn(usize, &[RawRow], &Changes) -> bool + Sync,
-        trace: impl Fn(usize) -> Vec<RawRow> + Sync,
-    ) -> Renewal {
+        trace: impl Fn(&[usize]) -> Result<Vec<Vec<RawRow>>, BakeError>,
+    ) -> Result<Renewal, BakeError> {
+        let all: Vec<usize> = (0..units).collect();
         let (found, changes) = match self {
             Self::Earlier(found, changes) => (found, changes),
             Self::All(_) | Self::Nothing(_) => {
-                let rows: Vec<Vec<RawRow>> = (0..units).into_par_iter().map(&trace).collect();
+                let rows = trace(&all)?.concat();
                 let stale = if let Self::Nothing(stale) = self { stale } else { Stale::Absent };
-                let is_new = vec![true; units];
-                return Renewal { rows: rows.concat(), is_new, stale: Some(stale), index: None };
+                return Ok(Renewal { rows, is_new: vec![true; units], stale: Some(stale), index: None });
             }
         };
-        let unit = |unit: usize| {
-            let own = unit * per..(unit + 1) * per;
-            let has_lost = found.has_lost[own.clone()].contains(&true);
-            let is_new = has_lost || is_concerned(unit, &found.rows[own.clone()], &changes);
-            (if is_new { trace(unit) } else { found.rows[own].to_vec() }, is_new)
+        let own = |unit: usize| unit * per..(unit + 1) * per;
+        let has_to = |&unit: &usize| {
+            found.has_lost[own(unit)].contains(&true) || is_concerned(unit, &found.rows[own(unit)], &changes)
         };
-        let (rows, is_new): (Vec<Vec<RawRow>>, Vec<bool>) = (0..units).into_par_iter().map(unit).unzip();
-        let renewed = is_new.iter().filter(|&&is_new| is_new).count() as u32;
+        let is_new: Vec<bool> = all.par_iter().map(has_to).collect();
+        let new: Vec<usize> = all.into_iter().filter(|&unit| is_new[unit]).collect();
+        let mut rows = found.rows;
+        for (&unit, traced) in new.iter().zip(trace(&new)?) {
+            rows.splice(own(unit), traced);
+        }
         let at = changes.example().to_array();
+        let renewed = new.len() as u32;
         let stale = (renewed > 0).then_some(Stale::Part { renewed, of: units as u32, at });
         let index = stale.is_none().then_some(found.index);
-        Renewal { rows: rows.concat(), is_new, stale, index }
+        Ok(Renewal { rows, is_new, stale, index })
     }
 }

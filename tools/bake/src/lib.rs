@@ -38,6 +38,7 @@ pub mod exposure;
 mod exposure_record;
 pub mod eye;
 mod finished_world;
+mod foresight;
 pub mod hammersley;
 pub mod hidden;
 pub mod identity;
@@ -72,12 +73,12 @@ mod words;
 pub mod work_folder;
 
 // Whoever drives the stages one by one needs it.
-pub use earthshine_trace::SceneTracer;
+pub use earthshine_trace::{CasterError, Query, RayCaster, RayDevice, SceneTracer};
 pub use error::BakeError;
 pub use memory::MemoryLimit;
 pub use progress::{Progress, Silent, Stage};
 pub use pyramid::Levels;
 pub use shard::Shard;
-pub use stages::{BakeOptions, bake};
+pub use stages::{BakeOptions, bake, bake_on};
 pub use stale::StaleReport;
 pub use summary::{BakeSummary, LevelSummary};

@@ -28,7 +28,7 @@ use crate::work_folder::{Kind, WorkFolder};
 use crate::{BakeError, BakeSummary, identity};
 use earthshine_scene::Scene;
 use earthshine_tiles::{BakeParameters, ChunkEntry, EncodeOptions, Manifest, RowCodec, format};
-use earthshine_trace::SceneTracer;
+use earthshine_trace::{RayCaster, RayDevice, SceneTracer};
 use earthshine_world::{ChunkId, LightRig, Rgb};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -75,6 +75,21 @@ pub fn bake(
     options: &BakeOptions,
     progress: &dyn Progress,
 ) -> Result<BakeSummary, BakeError> {
+    bake_on(None, scene, world, options, progress)
+}
+
+/// As [`bake`], with the rays of exposure, rows and receivers in the air traced on `device`, if there is one. What is baked is the
+/// same but for rays that pass an edge or meet two triangles within rounding.
+///
+/// # Errors
+/// [`BakeError`]; the world is then as it was, plus the work folder.
+pub fn bake_on(
+    device: Option<&dyn RayDevice>,
+    scene: &Scene,
+    world: &Path,
+    options: &BakeOptions,
+    progress: &dyn Progress,
+) -> Result<BakeSummary, BakeError> {
     let started = Instant::now();
     let parameters = &options.parameters;
     check(parameters)?;
@@ -91,7 +106,7 @@ pub fn bake(
         Before::Nothing | Before::Other(_) => {
             let mut run =
                 Run { scene, options, files: &files, summary: &mut summary, progress, since: Instant::now() };
-            let chunks = run.all()?;
+            let chunks = run.all(device)?;
             let manifest = Manifest {
                 format_version: format::VERSION,
                 world_hash,
@@ -154,6 +169,8 @@ pub(crate) struct Run<'a> {
 pub(crate) struct Known<'a> {
     pub(crate) source: &'a SurfaceSource<'a>,
     pub(crate) tracer: &'a SceneTracer<'a>,
+    /// Traces many rays at once, against the same scene.
+    pub(crate) device: Option<&'a dyn RayCaster>,
     pub(crate) set: &'a PatchSet,
     /// By chunk: changes with its surfaces.
     pub(crate) identities: BTreeMap<[i32; 3], u64>,
@@ -176,7 +193,7 @@ impl<'a> Run<'a> {
     }
 
     /// All stages; the entries of all tiles.
-    fn all(&mut self) -> Result<Vec<ChunkEntry>, BakeError> {
+    fn all(&mut self, device: Option<&dyn RayDevice>) -> Result<Vec<ChunkEntry>, BakeError> {
         let (scene, parameters, files) = (self.scene, self.parameters(), self.files);
         let edge_m = parameters.grid.voxel_edge_m;
         memory::check_fineness(scene, parameters, is_streamed(&parameters.method))?;
@@ -194,13 +211,15 @@ impl<'a> Run<'a> {
             Trees::OfMeshes => SceneTracer::of_meshes(scene),
         };
         self.summary.tree_bytes = tracer.tree_bytes() as u64;
+        let caster = device.map(|device| device.caster(&tracer.layout())).transpose()?;
         self.end(Stage::Tree);
         let builder = Builder { tracer: &tracer, parameters };
         let whole = self.whole(&builder);
         let mut key = self.common_key(&cells);
         key = xxh3_64(bytemuck::bytes_of(&[key, content.lamps]));
         let (triangles, content, work) = (&triangles, &content, files.work);
-        let source = SurfaceSource { builder, triangles, content, work, key, whole };
+        let device = caster.as_deref();
+        let source = SurfaceSource { builder, triangles, content, work, device, key, whole };
         let (set, identities, cells, mut named) = self.surfaces(&source, cells)?;
         if set.is_empty() {
             return Err(BakeError::NoPatches { voxel_edge_m: edge_m });
@@ -209,7 +228,9 @@ impl<'a> Run<'a> {
         self.summary.memory_estimate_bytes = needed;
         self.options.memory.check(needed, "the scene and its patches", edge_m)?;
         let (key, states) = (self.common_key(&cells), States::begin(work, &cells)?);
-        let known = Known { source: &source, tracer: &tracer, set: &set, identities, cells, states, key };
+        let device = caster.as_deref();
+        let known =
+            Known { source: &source, tracer: &tracer, device, set: &set, identities, cells, states, key };
         let rows = tracing::rows(self, &known)?;
         let receivers = tracing::receivers(self, &known)?;
         detail_stage::trace(self, &known)?;

@@ -4,9 +4,10 @@ use crate::machine;
 use crate::output::out;
 use crate::progress_bars::BakeBars;
 use crate::quality::QualityArguments;
+use crate::ray_device::Adapter;
 use crate::scene_source;
 use clap::Args;
-use earthshine_bake::{BakeOptions, BakeSummary, Levels, MemoryLimit, Shard};
+use earthshine_bake::{BakeOptions, BakeSummary, Levels, MemoryLimit, RayDevice, Shard};
 use earthshine_scene::ImportReport;
 use earthshine_tiles::RowCodec;
 use std::collections::BTreeSet;
@@ -23,6 +24,7 @@ use std::path::PathBuf;
   earthshine bake town town.world --levels 3       (level 0 and two coarser ones)
   earthshine bake town.glb town.world --memory 20GiB
   earthshine bake town.glb town.world --shard 2/8  (the third of eight processes)
+  earthshine bake town.glb town.world --gpu        (rays traced on a graphics adapter)
   earthshine bake town.glb town.world --explain    (after an edit of town.glb: what was stale, and why)
 An interrupted bake goes on where it stopped: run the same command again. After an edit the same command traces
 only what can have changed; the world is the same, byte for byte, as if it were baked afresh.")]
@@ -57,6 +59,14 @@ pub(crate) struct BakeArguments {
     /// the bake of an edited scene quick.
     #[arg(long)]
     discard_work: bool,
+    /// Trace the rays of exposure, rows and receivers in the air on the best graphics adapter; where there is none this is said and
+    /// the CPU does it. Shares are the same but for rays that pass an edge within rounding.
+    #[arg(long)]
+    gpu: bool,
+    /// Part of the name of the adapter that has to trace; `earthshine gpu` lists them. A software adapter is taken only if
+    /// it is named.
+    #[arg(long, value_name = "NAME", requires = "gpu", default_value = "", hide_default_value = true)]
+    gpu_adapter: String,
     /// Say of every chunk that was traced why, and which tiles changed.
     #[arg(long)]
     explain: bool,
@@ -102,8 +112,10 @@ pub(crate) fn run(arguments: &BakeArguments) -> anyhow::Result<()> {
         memory: arguments.memory.unwrap_or_default(),
         discard_work: arguments.discard_work,
     };
+    let adapter = if arguments.gpu { Adapter::open(&arguments.gpu_adapter)? } else { None };
+    let device = adapter.as_ref().map(|adapter| adapter as &dyn RayDevice);
     let bars = BakeBars::new(quiet);
-    let summary = earthshine_bake::bake(&source.scene, &arguments.world, &options, &bars)?;
+    let summary = earthshine_bake::bake_on(device, &source.scene, &arguments.world, &options, &bars)?;
     bars.finish();
     if arguments.json {
         out!("{}", serde_json::to_string(&MeasuredBake::now(summary))?);

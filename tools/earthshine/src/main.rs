@@ -27,6 +27,7 @@ mod operators;
 mod output;
 mod progress_bars;
 mod quality;
+mod ray_device;
 mod reference_light;
 mod render;
 mod scene_source;

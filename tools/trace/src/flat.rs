@@ -2,6 +2,7 @@
 
 use crate::{Hit, build_tree, farthest, roomy_box};
 use earthshine_light::ray_triangle::RayTriangle;
+use earthshine_light::tree_layout::{PlacedTriangle, TreeLayout};
 use earthshine_scene::Scene;
 use glam::UVec2;
 use obvhs::aabb::Aabb;
@@ -33,6 +34,13 @@ impl Flat {
         size_of_val(&self.tree.nodes[..])
             + size_of_val(&self.tree.primitive_indices[..])
             + size_of_val(&self.triangles[..])
+    }
+
+    /// For a device.
+    pub(crate) fn layout(&self) -> TreeLayout {
+        let placed = self.triangles.iter().zip(&self.tree.primitive_indices);
+        let placed = placed.map(|(triangle, &index)| PlacedTriangle::new(triangle, index, 0.0));
+        TreeLayout::of_one(&self.tree, placed.collect())
     }
 
     /// Gives `take` every triangle that `ray` meets, in any order; ends early where it says so.

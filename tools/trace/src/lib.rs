@@ -5,13 +5,17 @@
 //! Everything is two-sided here; what a hit means (reflectance, emission, which patch) is its caller's
 //! business. Start at [`SceneTracer::closest`].
 
+mod caster;
 mod flat;
 pub mod hemisphere;
 mod two_level;
 
+pub use crate::caster::{CasterError, Query, RayCaster, RayDevice};
+
 use crate::flat::Flat;
 use crate::two_level::TwoLevel;
-use earthshine_light::ray_triangle::{Crossing, ray};
+use earthshine_light::TreeLayout;
+use earthshine_light::ray_triangle::{Crossing, RayTriangle, ray};
 use earthshine_scene::{Scene, Surface};
 use earthshine_world::Vec3;
 use obvhs::BvhBuildParams;
@@ -23,16 +27,22 @@ use std::time::Duration;
 
 /// Rays begin this far behind their origin, m, and count from the origin on: the tree skips boxes that end nearer than
 /// 0.1 mm, and a wall that near would let the ray out.
-const RUN_UP_M: f32 = 2e-4;
+pub const RUN_UP_M: f32 = 2e-4;
 
 /// Boxes that begin this share of a hit's distance behind it are still looked into: what is as near as the hit may lie in
 /// one, and boxes are met to rounding only.
-const TIE_ROOM: f32 = 2e-6;
+pub const TIE_ROOM: f32 = 2e-6;
 
 /// Roundings of world coordinates that boxes have room for, and the share of a triangle's extent by which a crossing may lie
 /// outside of it: with that room what a ray hits does not hang on how a tree is built.
 const BOX_ROUNDINGS: f32 = 16.0;
 const BOX_OUTSIDE: f32 = 4e-6;
+
+/// The ray that begins a little behind `origin` for crossings between two distances from it.
+fn run_up(origin: Vec3, direction: Vec3, distance_min: f32, distance_max: f32) -> Ray {
+    let start = origin - direction * RUN_UP_M;
+    ray(start, direction, distance_min + RUN_UP_M, distance_max + RUN_UP_M)
+}
 
 /// The box of a triangle with `corners`, with room for rounding where coordinates are up to `farthest`.
 fn roomy_box(corners: &[Vec3; 3], farthest: f32) -> Aabb {
@@ -132,8 +142,7 @@ impl<'scene> SceneTracer<'scene> {
         distance_min: f32,
         distance_max: f32,
     ) -> Option<Hit> {
-        let start = origin - direction * RUN_UP_M;
-        let mut ray = ray(start, direction, distance_min + RUN_UP_M, distance_max + RUN_UP_M);
+        let mut ray = run_up(origin, direction, distance_min, distance_max);
         let mut closest: Option<Hit> = None;
         self.offer(&mut ray, |hit, ray| {
             if closest.is_none_or(|other| hit.is_before(&other)) && !self.is_hole(&hit) {
@@ -148,13 +157,35 @@ impl<'scene> SceneTracer<'scene> {
     /// Whether anything but holes lies between `origin` and `distance` along `direction`.
     #[must_use]
     pub fn is_blocked(&self, origin: Vec3, direction: Vec3, distance: f32) -> bool {
-        let mut ray = ray(origin - direction * RUN_UP_M, direction, RUN_UP_M, distance + RUN_UP_M);
+        let mut ray = run_up(origin, direction, 0.0, distance);
         let mut is_blocked = false;
         self.offer(&mut ray, |hit, _| {
             is_blocked = !self.is_hole(&hit);
             is_blocked
         });
         is_blocked
+    }
+
+    /// The same trees for a device that traces by itself.
+    #[must_use]
+    pub fn layout(&self) -> TreeLayout {
+        match &self.trees {
+            Trees::Flat(flat) => flat.layout(),
+            Trees::TwoLevel(two_level) => two_level.layout(self.scene),
+        }
+    }
+
+    /// What [`Self::closest`] finds where a device says that `triangle` is the first along `query`. A crossing that is a
+    /// hole, or that the CPU does not see, is looked for here: what comes back is a hit of this tracer, to the bit.
+    #[must_use]
+    pub fn confirmed(&self, query: &Query, triangle: Option<u32>) -> Option<Hit> {
+        let found = triangle?;
+        let corners = self.scene.triangles[found as usize];
+        let crossing = RayTriangle::new(corners).crossing(&query.ray());
+        match crossing.map(|crossing| Hit::of(found, crossing)) {
+            Some(hit) if !self.is_hole(&hit) => Some(Hit { distance: hit.distance - RUN_UP_M, ..hit }),
+            _ => self.closest(query.origin, query.direction, 0.0, query.distance_max),
+        }
     }
 
     #[inline]

@@ -5,6 +5,7 @@
 
 use crate::{Hit, build_tree, farthest, roomy_box};
 use earthshine_light::ray_triangle::{RayTriangle, ray};
+use earthshine_light::tree_layout::{PlacedTriangle, TreeLayout};
 use earthshine_scene::{PlacedMesh, Scene};
 use earthshine_world::Vec3;
 use glam::{DAffine3, UVec2};
@@ -76,6 +77,24 @@ impl TwoLevel {
     pub(crate) fn bytes(&self) -> usize {
         let of = |tree: &CwBvh| size_of_val(&tree.nodes[..]) + size_of_val(&tree.primitive_indices[..]);
         of(&self.top) + self.shapes.iter().map(of).sum::<usize>() + size_of_val(&self.standing[..])
+    }
+
+    /// For a device: every placement has triangles of its own, in the order of its tree's leaves.
+    pub(crate) fn layout(&self, scene: &Scene) -> TreeLayout {
+        if self.standing.is_empty() {
+            return TreeLayout::default();
+        }
+        let trees: Vec<&CwBvh> = self.shapes.iter().collect();
+        let in_leaf_order = self.top.primitive_indices.iter().map(|&at| &self.standing[at as usize]);
+        let placed = in_leaf_order.map(|standing| {
+            let indices = &self.shapes[standing.shape as usize].primitive_indices;
+            let placed = indices.iter().map(|&place| {
+                let index = standing.first + place;
+                PlacedTriangle::new(&RayTriangle::new(scene.triangles[index as usize]), index, 0.0)
+            });
+            (standing.shape as usize, standing.to_shape, placed.collect())
+        });
+        TreeLayout::new(&self.top, &trees, placed)
     }
 
     /// Gives `take` every triangle that `ray` meets, in any order; ends early where it says so.

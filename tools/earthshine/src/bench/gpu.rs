@@ -5,6 +5,8 @@
 //! quickest of some rounds counts.
 
 use super::Report;
+use super::gpu_frame::{FrameArguments, FrameWork};
+use super::gpu_rays::{self, RayArguments};
 use super::gpu_step::{self, StepArguments};
 use anyhow::Context as _;
 use clap::Args;
@@ -37,6 +39,10 @@ pub(crate) struct GpuBenchArguments {
     items: u32,
     #[command(flatten)]
     step: StepArguments,
+    #[command(flatten)]
+    rays: RayArguments,
+    #[command(flatten)]
+    frame: FrameArguments,
     /// Rounds of which the quickest counts.
     #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..))]
     rounds: u32,
@@ -65,8 +71,15 @@ struct Figures {
     /// A copy in the device's memory: bytes read and written in a second.
     copy_gb_s: f64,
     product_share_of_copy: f64,
-    /// A block out, a block in, new sources, the product, its light on the host.
+    /// Direct light of all lit patches, a block out, a block in, tables rebuilt, new sources, the product, its light on the
+    /// host.
     frame_ms: f64,
+    /// Of that, direct light: points times lights, shadow rays, its light on the host.
+    direct_ms: f64,
+    /// The same on all cores of the CPU.
+    cpu_direct_ms: f64,
+    /// What direct light is off the CPU's, as a share of all of it.
+    direct_error_rel: f64,
     alias_gitems_s: f64,
     has_timestamps: bool,
     passes: Vec<Pass>,
@@ -77,8 +90,14 @@ struct Figures {
     alias_step_ms: f64,
     /// All cumulative tables from form factors on.
     cdf_build_ms: f64,
-    /// Not computed on devices yet.
-    mrays_s: Option<f64>,
+    /// Rays of a bake through a generated town, on the device.
+    mrays_s: f64,
+    /// The same rays on all cores of the CPU.
+    cpu_mrays_s: f64,
+    /// Of those, the share that the device ends on another triangle: within rounding, or along an edge.
+    rays_elsewhere: f64,
+    /// Of the town.
+    ray_triangles: usize,
 }
 
 /// The quickest run of a kernel, and what it moves and multiplies.
@@ -88,6 +107,8 @@ struct Pass {
     ms: f64,
     bytes: Option<f64>,
     flops: Option<f64>,
+    /// Bytes a second, as a share of a copy's.
+    copy_share: Option<f64>,
 }
 
 /// Runs the suite.
@@ -98,7 +119,14 @@ pub(crate) fn run(arguments: &GpuBenchArguments, json: bool) -> anyhow::Result<(
     let open_ms = started.elapsed().as_secs_f64() * 1e3;
     let mut bench = Bench::new(&device, arguments)?;
     let irradiance_error_rel = bench.error_against_cpu()?;
-    let frame_ms = bench.quickest(arguments.rounds, Bench::frame)?;
+    let town = arguments.rays.town(arguments.seed)?;
+    let mut frame = FrameWork::new(&device, &arguments.frame, &town, arguments.items, arguments.seed)?;
+    let direct = frame.measure(arguments.rounds)?;
+    let (mut frame_ms, mut frame_passes) = (f64::INFINITY, frame.take_times()?);
+    for _ in 0..arguments.rounds {
+        frame_ms = frame_ms.min(bench.quickest(1, |bench| bench.frame(&mut frame))?);
+        frame_passes.extend(frame.take_times()?);
+    }
     let block_patch_us = bench.quickest(arguments.rounds, Bench::swap)? * 1e3 / (2 * BLOCK) as f64;
     let product_wall_ms = bench.quickest(arguments.rounds, Bench::product)?;
     let mut quickest = quickest_passes(&bench.passes);
@@ -108,11 +136,15 @@ pub(crate) fn run(arguments: &GpuBenchArguments, json: bool) -> anyhow::Result<(
     let copy_gb_s = copy_rate(&device, arguments)?;
     let (alias_gitems_s, alias_pass) = alias_rate(&device, arguments)?;
     let step = gpu_step::measure(&device, &arguments.step, arguments.rounds, arguments.seed)?;
+    let rays = gpu_rays::measure(&device, &arguments.rays, &town, arguments.rounds, arguments.seed)?;
     quickest.extend(quickest_passes(&step.passes));
+    quickest.extend(quickest_passes(&rays.passes));
+    quickest.extend(quickest_passes(&frame_passes));
     quickest.extend(alias_pass.map(|ms| ("build_alias", ms)));
     let passes = quickest.into_iter().map(|(name, ms)| {
         let (bytes, flops) = work(name, plane_bytes).unzip();
-        Pass { name, ms, bytes, flops }
+        let copy_share = bytes.map(|bytes| bytes / 1e6 / ms.max(1e-9) / copy_gb_s);
+        Pass { name, ms, bytes, flops, copy_share }
     });
     let figures = Figures {
         adapter: device.name().to_owned(),
@@ -126,6 +158,9 @@ pub(crate) fn run(arguments: &GpuBenchArguments, json: bool) -> anyhow::Result<(
         copy_gb_s,
         product_share_of_copy: product_gb_s / copy_gb_s,
         frame_ms,
+        direct_ms: direct.direct_ms,
+        cpu_direct_ms: direct.cpu_direct_ms,
+        direct_error_rel: direct.direct_error_rel,
         alias_gitems_s,
         has_timestamps: bench.has_timestamps,
         passes: passes.collect(),
@@ -133,7 +168,10 @@ pub(crate) fn run(arguments: &GpuBenchArguments, json: bool) -> anyhow::Result<(
         step_ms: step.step_ms,
         alias_step_ms: step.alias_step_ms,
         cdf_build_ms: step.cdf_build_ms,
-        mrays_s: None,
+        mrays_s: rays.mrays_s,
+        cpu_mrays_s: rays.cpu_mrays_s,
+        rays_elsewhere: rays.elsewhere,
+        ray_triangles: rays.triangles,
     };
     let seconds = started.elapsed().as_secs_f64();
     let mut report = Report::new("gpu", "closed room", "matrix", arguments.seed, seconds, figures);
@@ -210,7 +248,7 @@ impl Bench {
     fn quickest(
         &mut self,
         rounds: u32,
-        run: impl Fn(&mut Self) -> anyhow::Result<f64>,
+        mut run: impl FnMut(&mut Self) -> anyhow::Result<f64>,
     ) -> anyhow::Result<f64> {
         let mut best = f64::INFINITY;
         for _ in 0..rounds.max(1) {
@@ -256,15 +294,17 @@ impl Bench {
     }
 
     /// ms.
-    fn frame(&mut self) -> anyhow::Result<f64> {
+    fn frame(&mut self, work: &mut FrameWork) -> anyhow::Result<f64> {
         let updates = self.swapped();
         let slots = self.streamed.taken();
         let mut irradiance = vec![Rgb::ZERO; slots.len()];
         let start = Instant::now();
+        let direct = work.run()?;
         for updates in &updates {
             self.backend.apply(updates)?;
         }
-        self.relight(&slots)?;
+        let light: Vec<Rgb> = slots.iter().zip(direct.iter().cycle()).map(|(_, light)| *light).collect();
+        self.backend.set_sources(&slots, &light, &light)?;
         self.backend.step()?;
         self.backend.read_irradiance(&slots, &mut irradiance)?;
         Ok(start.elapsed().as_secs_f64() * 1e3)

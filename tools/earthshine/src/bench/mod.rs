@@ -11,6 +11,8 @@ mod estimators;
 mod far;
 mod flight;
 mod gpu;
+mod gpu_frame;
+mod gpu_rays;
 mod gpu_step;
 mod keep;
 mod lit_world;

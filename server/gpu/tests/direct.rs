@@ -1,0 +1,171 @@
+//! Direct light on a device against the CPU's: patches of a generated town under suns, lamps and cones, while chunks come
+//! and go.
+
+use earthshine_gen::{GenOptions, WorldKind};
+use earthshine_gpu::direct::GpuDirect;
+use earthshine_gpu::{AdapterChoice, GpuDevice};
+use earthshine_light::{DirectLight, OccluderSet, Occluders, PatchPoints, direct_irradiance};
+use earthshine_scene::{ImportOptions, Scene, load_bytes};
+use earthshine_world::random::{Purpose, hash, unit_pair};
+use earthshine_world::{ChunkCoord, ChunkId, Light, OccluderMesh, Rgb, SamplePoint, Vec3};
+use std::io::Write as _;
+use std::sync::Arc;
+
+const EPSILON_M: f32 = 1e-3;
+
+fn device_or_skip() -> Option<GpuDevice> {
+    match GpuDevice::open(&AdapterChoice { allow_software: true, ..AdapterChoice::default() }) {
+        Ok(device) => Some(device),
+        Err(error) => {
+            assert!(std::env::var_os("EARTHSHINE_TEST_GPU_REQUIRED").is_none(), "{error}");
+            writeln!(std::io::stderr(), "SKIPPED a test of direct light: {error}").expect("standard error");
+            None
+        }
+    }
+}
+
+fn town() -> Scene {
+    let options = GenOptions { town_size_m: 60.0, ..GenOptions::default() };
+    let glb = earthshine_gen::generate(WorldKind::Town, &options, &|_, _| {}).expect("a town");
+    load_bytes(&glb.bytes, "town", &ImportOptions::default()).expect("an importable town")
+}
+
+fn id(x: i32) -> ChunkId {
+    ChunkId::new(0, ChunkCoord::new(x, 0, 0))
+}
+
+/// The scene's triangles in `count` chunks, one in five half transparent.
+fn chunks(scene: &Scene, count: usize) -> Vec<Arc<Occluders>> {
+    let part = |part: usize| {
+        let own: Vec<[Vec3; 3]> = scene.triangles.iter().copied().skip(part).step_by(count).collect();
+        let opacity = |at: usize| if at.is_multiple_of(5) { 128 } else { 255 };
+        let mesh = OccluderMesh {
+            vertices: own.concat(),
+            triangles: (0..own.len() as u32).map(|at| [3 * at, 3 * at + 1, 3 * at + 2]).collect(),
+            surfaces: (0..own.len()).map(|at| [0, 0, 0, opacity(at)]).collect(),
+        };
+        Arc::new(Occluders::build(&mesh))
+    };
+    (0..count).map(part).collect()
+}
+
+/// Four points on each of `count` random triangles; every ninth patch has none.
+fn patches(scene: &Scene, count: usize) -> Vec<Vec<SamplePoint>> {
+    let patch = |patch: usize| {
+        let triangle = hash(3, Purpose::SamplePoint, patch as u64, 0) as usize % scene.triangles.len();
+        let [a, b, c] = scene.triangles[triangle];
+        let normal = scene.normal(triangle);
+        let point = |point: u64| {
+            let (u, v) = unit_pair(hash(4, Purpose::SamplePoint, patch as u64, point));
+            let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+            SamplePoint { position: a + (b - a) * u + (c - a) * v, normal }
+        };
+        if patch % 9 == 8 { Vec::new() } else { (0..4).map(point).collect() }
+    };
+    (0..count).map(patch).collect()
+}
+
+fn lights(sun_diameter: f32) -> Vec<Light> {
+    let position = Vec3::new(5.0, 6.0, -3.0);
+    vec![
+        Light::Directional {
+            direction: Vec3::new(0.36, -0.8, 0.48),
+            illuminance: Rgb::new(1e5, 9e4, 8e4),
+            angular_diameter_rad: sun_diameter,
+        },
+        Light::Point { position, intensity: Rgb::splat(4e5), range_m: Some(40.0) },
+        Light::Point { position: -position.with_y(-9.0), intensity: Rgb::splat(2e5), range_m: None },
+        Light::Spot {
+            position: position.with_y(20.0),
+            direction: Vec3::NEG_Y,
+            intensity: Rgb::new(1e6, 0.0, 2e6),
+            inner_cone_rad: 0.3,
+            outer_cone_rad: 0.9,
+            range_m: None,
+        },
+    ]
+}
+
+fn asked(points: &[Vec<SamplePoint>]) -> Vec<PatchPoints<'_>> {
+    (0..).zip(points).map(|(seed, points)| PatchPoints { points, epsilon_m: EPSILON_M, seed }).collect()
+}
+
+/// The share of patches whose light is another by more than rounding, and by how much all of it is, as a share.
+fn compare(
+    direct: &mut GpuDirect,
+    set: &OccluderSet,
+    lights: &[Light],
+    points: &[Vec<SamplePoint>],
+) -> (f64, f64) {
+    let patches = asked(points);
+    let found = direct.light(set, lights, &patches).expect("a device that works");
+    assert_eq!(found.len(), points.iter().map(Vec::len).sum::<usize>());
+    let (mut elsewhere, mut off, mut all) = (0u32, 0.0, 0.0);
+    let mut rest = &found[..];
+    for patch in &patches {
+        let (own, others) = rest.split_at(patch.points.len());
+        rest = others;
+        let found = own.iter().sum::<Rgb>() / own.len().max(1) as f32;
+        let expected = direct_irradiance(set, lights, patch.points, patch.epsilon_m, patch.seed);
+        let gap = (expected - found).abs().max_element();
+        elsewhere += u32::from(gap > 2e-4 * expected.max_element().max(1.0));
+        off += f64::from(gap);
+        all += f64::from(expected.max_element());
+    }
+    (f64::from(elsewhere) / patches.len().max(1) as f64, off / f64::max(all, 1e-9))
+}
+
+#[test]
+fn patches_are_lit_as_on_the_cpu_while_chunks_come_and_go() {
+    let Some(device) = device_or_skip() else { return };
+    let scene = town();
+    let (chunks, points) = (chunks(&scene, 12), patches(&scene, 600));
+    let mut direct = GpuDirect::new(&device, 0).expect("room");
+    let mut set = OccluderSet::new();
+    let (elsewhere, _) = compare(&mut direct, &set, &lights(0.0), &points);
+    assert_eq!(elsewhere, 0.0, "nothing casts shadows");
+    for step in 0..30 {
+        // Two come, one goes: more come in all than there is room for at first.
+        set.insert(id(step % 12), Arc::clone(&chunks[step as usize % 12]));
+        set.insert(id((step + 5) % 12), Arc::clone(&chunks[(step as usize + 5) % 12]));
+        set.remove(id((step * 7) % 12));
+        let (elsewhere, off) = compare(&mut direct, &set, &lights(0.0), &points);
+        assert!(
+            elsewhere < 5e-3 && off < 2e-3,
+            "step {step}: {elsewhere} of the patches, {off} of the light"
+        );
+    }
+    // Sines are rougher on devices, so places on the disc are as well: as many rays pass, not the same.
+    let (_, off) = compare(&mut direct, &set, &lights(0.02), &points);
+    assert!(off < 5e-3, "{off} of the light of a sun with a disc");
+}
+
+#[test]
+fn any_number_of_patches_is_lit() {
+    let Some(device) = device_or_skip() else { return };
+    let scene = town();
+    let mut set = OccluderSet::new();
+    for (x, chunk) in (0..).zip(chunks(&scene, 3)) {
+        set.insert(id(x), chunk);
+    }
+    let mut direct = GpuDirect::new(&device, 0).expect("room");
+    for count in [0, 1, 63, 64, 65, 200] {
+        let (elsewhere, off) = compare(&mut direct, &set, &lights(0.0), &patches(&scene, count));
+        assert!(elsewhere * count as f64 <= 1.0 && off < 2e-2, "{count} patches: {elsewhere}, {off}");
+        let dark = direct.light(&set, &[], &asked(&patches(&scene, count))).expect("a device that works");
+        assert!(dark.iter().all(|light| *light == Rgb::ZERO));
+    }
+}
+
+#[test]
+fn few_patches_and_a_lost_device_are_left_to_the_cpu() {
+    let Some(device) = device_or_skip() else { return };
+    let (scene, set) = (town(), OccluderSet::new());
+    let points = patches(&scene, 8);
+    let mut direct = GpuDirect::new(&device, 1000).expect("room");
+    assert_eq!(direct.on_points(&set, &lights(0.0), &asked(&points)), None, "too few");
+    let mut direct = GpuDirect::new(&device, 0).expect("room");
+    assert!(direct.on_points(&set, &lights(0.0), &asked(&points)).is_some());
+    device.destroy();
+    assert_eq!(direct.on_points(&set, &lights(0.0), &asked(&points)), None, "lost");
+}

@@ -1,0 +1,214 @@
+//! Rays that a device traces before they are asked for.
+//!
+//! The code that casts a row's rays one by one stays the only one: it is run with a [`Foresight`], which notes what is
+//! asked and answers "sky"; a [`RayCaster`] traces what all rows of a batch asked at once; then it is run again and gets
+//! these answers, confirmed by the CPU's own crossing. Where an answer changes what is asked next, that is another round;
+//! what few rays are left in the end are cast on the CPU. So a row is the CPU's, to the bit, but for rays that pass an edge
+//! or meet two triangles within rounding.
+
+use crate::BakeError;
+use earthshine_trace::{Hit, Query, RayCaster, SceneTracer};
+use rayon::prelude::*;
+use std::sync::Mutex;
+
+/// Rays that are traced together: what a thread has waiting at once takes some 10 MiB.
+const BATCH_RAYS: usize = 1 << 18;
+/// Rounds after which the rest is cast on the CPU.
+const ROUNDS_MAX: u32 = 8;
+/// Fewer rays are not worth the way to a device and back.
+const ROUND_RAYS_MIN: usize = 64;
+
+/// What is known of one unit's rays, in the order in which they are asked for.
+#[derive(Debug, Default)]
+pub(crate) struct Foresight {
+    known: Vec<Option<u32>>,
+    asking: Mutex<Asking>,
+    /// Whether what is not known is to be looked for on the CPU.
+    is_last: bool,
+}
+
+#[derive(Debug, Default)]
+struct Asking {
+    next: usize,
+    unknown: Vec<Query>,
+}
+
+impl Foresight {
+    /// As [`SceneTracer::closest`] from a distance of zero on, as far as it is known.
+    pub(crate) fn closest(&self, tracer: &SceneTracer<'_>, query: Query) -> Option<Hit> {
+        let known = {
+            let mut asking = self.asking.lock().expect("no holder panics");
+            asking.next += 1;
+            let known = self.known.get(asking.next - 1).copied();
+            if known.is_none() && !self.is_last {
+                asking.unknown.push(query);
+                return None;
+            }
+            known
+        };
+        match known {
+            Some(triangle) => tracer.confirmed(&query, triangle),
+            None => tracer.closest(query.origin, query.direction, 0.0, query.distance_max),
+        }
+    }
+
+    /// What was asked and not known; begins anew.
+    fn take_unknown(&mut self) -> Vec<Query> {
+        std::mem::take(self.asking.get_mut().expect("no holder panics")).unknown
+    }
+}
+
+/// What `trace` makes of each of `units`, in order, each of which casts about `rays` rays: on all threads, and with the
+/// foresight of `device` if there is one. `each` is called whenever one is made.
+///
+/// # Errors
+/// [`BakeError::Device`].
+pub(crate) fn trace_all<T: Send>(
+    device: Option<&dyn RayCaster>,
+    units: &[usize],
+    rays: u32,
+    each: &(impl Fn() + Sync),
+    trace: impl Fn(usize, Option<&Foresight>) -> T + Sync,
+) -> Result<Vec<T>, BakeError> {
+    let Some(device) = device else {
+        let one = |&unit: &usize| {
+            let made = trace(unit, None);
+            each();
+            made
+        };
+        return Ok(units.par_iter().map(one).collect());
+    };
+    let mut all = Vec::with_capacity(units.len());
+    for units in units.chunks((BATCH_RAYS / rays.max(1) as usize).max(1)) {
+        all.extend(in_rounds(device, units, each, &trace)?);
+    }
+    Ok(all)
+}
+
+/// The units of one batch.
+fn in_rounds<T: Send>(
+    device: &dyn RayCaster,
+    units: &[usize],
+    each: &(impl Fn() + Sync),
+    trace: &(impl Fn(usize, Option<&Foresight>) -> T + Sync),
+) -> Result<Vec<T>, BakeError> {
+    let mut done: Vec<Option<T>> = units.iter().map(|_| None).collect();
+    let mut open: Vec<(usize, Foresight)> = (0..units.len()).map(|at| (at, Foresight::default())).collect();
+    for round in 0.. {
+        let ran: Vec<(T, Vec<Query>)> = open
+            .par_iter_mut()
+            .map(|(at, foresight)| (trace(units[*at], Some(foresight)), foresight.take_unknown()))
+            .collect();
+        let mut queries = Vec::new();
+        let mut waiting = Vec::new();
+        for ((at, foresight), (result, unknown)) in open.into_iter().zip(ran) {
+            if unknown.is_empty() {
+                done[at] = Some(result);
+                each();
+            } else {
+                waiting.push((at, foresight, unknown.len()));
+                queries.extend(unknown);
+            }
+        }
+        if waiting.is_empty() {
+            break;
+        }
+        let is_last = round >= ROUNDS_MAX || queries.len() < ROUND_RAYS_MIN;
+        let mut found = if is_last { Vec::new() } else { device.first_triangles(&queries)? }.into_iter();
+        open = waiting
+            .into_iter()
+            .map(|(at, mut foresight, count)| {
+                foresight.is_last = is_last;
+                foresight.known.extend(found.by_ref().take(count));
+                (at, foresight)
+            })
+            .collect();
+    }
+    Ok(done.into_iter().map(|result| result.expect("the last round leaves none open")).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use earthshine_scene::Scene;
+    use earthshine_trace::CasterError;
+    use earthshine_world::Vec3;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    /// The CPU as a device.
+    #[derive(Debug)]
+    struct Twin<'a> {
+        tracer: &'a SceneTracer<'a>,
+        batches: AtomicUsize,
+    }
+
+    impl RayCaster for Twin<'_> {
+        fn first_triangles(&self, queries: &[Query]) -> Result<Vec<Option<u32>>, CasterError> {
+            if self.batches.fetch_add(1, Ordering::Relaxed) > 50 {
+                return Err(CasterError("it is tired".to_owned()));
+            }
+            let first = |q: &Query| self.tracer.closest(q.origin, q.direction, 0.0, q.distance_max);
+            Ok(queries.iter().map(|query| first(query).map(|hit| hit.triangle as u32)).collect())
+        }
+    }
+
+    /// Walls at heights 1, 2, ...: a ray up from within finds the next.
+    fn walls() -> Scene {
+        let wall = |z: u16| {
+            [(-9.0, -9.0), (29.0, -9.0), (-9.0, 29.0)].map(|(x, y)| Vec3::new(x, y, f32::from(z) + 1.0))
+        };
+        Scene {
+            triangles: (0..40).map(wall).collect(),
+            texture_coordinates: vec![[[0.0; 2]; 3]; 40],
+            material_of: vec![0; 40],
+            ..Scene::default()
+        }
+    }
+
+    /// A unit that climbs from wall to wall, so that each ray hangs on the one before.
+    fn climb(tracer: &SceneTracer<'_>, unit: usize, foresight: Option<&Foresight>) -> Vec<usize> {
+        let (mut origin, mut met) = (Vec3::new(0.1, 0.01 * unit as f32, 0.5), Vec::new());
+        for _ in 0..unit % 30 {
+            let query = Query { origin, direction: Vec3::Z, distance_max: f32::INFINITY };
+            let hit = match foresight {
+                Some(foresight) => foresight.closest(tracer, query),
+                None => tracer.closest(query.origin, query.direction, 0.0, query.distance_max),
+            };
+            let Some(hit) = hit else { break };
+            met.push(hit.triangle);
+            origin.z += hit.distance + 0.01;
+        }
+        met
+    }
+
+    #[test]
+    fn what_is_foreseen_is_what_is_seen() {
+        let scene = walls();
+        let tracer = SceneTracer::new(&scene);
+        let device = Twin { tracer: &tracer, batches: AtomicUsize::new(0) };
+        for count in [0, 1, 63, 64, 65, 500] {
+            let units: Vec<usize> = (0..count).collect();
+            let seen = trace_all(None, &units, 30, &|| (), |unit, _| climb(&tracer, unit, None)).unwrap();
+            device.batches.store(0, Ordering::Relaxed);
+            let foreseen =
+                trace_all(Some(&device), &units, 30, &|| (), |unit, known| climb(&tracer, unit, known))
+                    .unwrap();
+            assert_eq!(seen, foreseen, "{count} units");
+            let batches = device.batches.load(Ordering::Relaxed);
+            // Of 65 units 62 ask anything: too few.
+            assert_eq!(batches > 0, count == 500, "{batches} batches of {count} units");
+            assert!(batches <= ROUNDS_MAX as usize, "{batches} batches of {count} units");
+        }
+    }
+
+    #[test]
+    fn a_device_that_fails_ends_the_bake_with_its_words() {
+        let scene = walls();
+        let tracer = SceneTracer::new(&scene);
+        let device = Twin { tracer: &tracer, batches: AtomicUsize::new(99) };
+        let units: Vec<usize> = (0..500).collect();
+        let failed = trace_all(Some(&device), &units, 30, &|| (), |unit, known| climb(&tracer, unit, known));
+        let said = failed.unwrap_err().to_string();
+        assert!(said.contains("tired") && said.contains("--gpu"), "{said}");
+    }
+}
