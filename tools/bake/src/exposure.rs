@@ -35,7 +35,7 @@ pub const NEAR_SHARE: f32 = 0.62;
 /// What is near: this share of a voxel's edge.
 pub const NEAR_VOXELS: f32 = 0.25;
 /// Rays after which a clear case is decided.
-pub(crate) const FIRST_RAYS: u32 = 8;
+const FIRST_RAYS: u32 = 8;
 /// Paths, and segments of each, that look for light from a suspect point.
 const LIGHT_PATHS: u64 = 4;
 const LIGHT_PATH_SEGMENTS: u64 = 6;

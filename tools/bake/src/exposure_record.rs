@@ -4,16 +4,14 @@
 //! asked by casting them again ([`Probe`]). The others, most of them buried, follow paths from hit to hit: all cells that
 //! these cross are noted together.
 
-use crate::BakeError;
 use crate::builder::Builder;
 use crate::cells::Seen;
 use crate::changes::Changes;
-use crate::exposure::{ExposureTest, FIRST_RAYS};
+use crate::exposure::ExposureTest;
 use crate::eye::{Answer, Eye, Probe, Segment, Trail};
-use crate::foresight::{Foresight, trace_all};
 use crate::sample::SurfaceSample;
-use earthshine_trace::RayCaster;
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Points handled together.
 const BATCH: usize = 256;
@@ -50,39 +48,30 @@ impl Points {
         Self { bases: vec![Basis::Open; samples.len()], samples }
     }
 
-    /// Finds out how exposed the points are that `is_wanted` says, with the foresight of `device` if there is one; notes in
-    /// `seen` where paths went. How many rays it took.
-    ///
-    /// # Errors
-    /// [`BakeError::Device`].
-    pub(crate) fn expose(
-        &mut self,
-        builder: &Builder<'_>,
-        device: Option<&dyn RayCaster>,
-        is_wanted: &[bool],
-        seen: &Seen<'_>,
-    ) -> Result<u64, BakeError> {
-        let wanted: Vec<usize> = (0..is_wanted.len()).filter(|&at| is_wanted[at]).collect();
-        if builder.parameters.buried_rays == 0 || wanted.is_empty() {
-            return Ok(0);
+    /// Finds out how exposed the points are that `is_wanted` says; notes in `seen` where paths went. How many rays it
+    /// took.
+    pub(crate) fn expose(&mut self, builder: &Builder<'_>, is_wanted: &[bool], seen: &Seen<'_>) -> u64 {
+        if builder.parameters.buried_rays == 0 {
+            return 0;
         }
-        let (samples, sets) = (&self.samples, RaySets::of(builder, &self.samples[0]));
-        let of_point = |at: usize, foresight: Option<&Foresight>| {
+        let cast = AtomicU64::new(0);
+        let runs = self.samples.par_chunks_mut(BATCH).zip(self.bases.par_chunks_mut(BATCH));
+        runs.zip(is_wanted.par_chunks(BATCH)).for_each(|((samples, bases), is_wanted)| {
             let trail = Trail::default();
-            let test = builder.exposure_test(Eye::trailing(builder.tracer, &trail).foreseeing(foresight));
-            let exposure = test.of(&samples[at]);
-            let segments = trail.take();
-            let basis = sets.basis(&segments);
-            (exposure, basis, if basis == Basis::Paths { segments } else { Vec::new() }, test.cast.get())
-        };
-        let found = trace_all(device, &wanted, FIRST_RAYS, &|| (), of_point)?;
-        let mut cast = 0;
-        for (at, (exposure, basis, segments, rays)) in wanted.into_iter().zip(found) {
-            (self.samples[at].exposure, self.bases[at]) = (exposure, basis);
-            segments.iter().for_each(|&(origin, way, reach)| seen.mark_way(origin, way, reach));
-            cast += rays;
-        }
-        Ok(cast)
+            let test = builder.exposure_test(Eye::trailing(builder.tracer, &trail));
+            let sets = RaySets::of(builder, &samples[0]);
+            let points = samples.iter_mut().zip(bases).zip(is_wanted);
+            for ((sample, basis), _) in points.filter(|(_, is_wanted)| **is_wanted) {
+                sample.exposure = test.of(sample);
+                let segments = trail.take();
+                *basis = sets.basis(&segments);
+                if *basis == Basis::Paths {
+                    segments.iter().for_each(|&(origin, way, reach)| seen.mark_way(origin, way, reach));
+                }
+            }
+            cast.fetch_add(test.cast.get(), Ordering::Relaxed);
+        });
+        cast.into_inner()
     }
 
     /// Of each point, whether it may be exposed otherwise than before `changes`. `paths_changed` says so of all that rest

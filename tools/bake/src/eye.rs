@@ -181,13 +181,7 @@ impl<'a> Eye<'a> {
                 return false;
             }
         }
-        match self.foresight {
-            // Whatever is in between is the first thing in between.
-            Some(foresight) => {
-                foresight.closest(self.tracer, Query { origin, direction, distance_max: distance }).is_some()
-            }
-            None => self.tracer.is_blocked(origin, direction, distance),
-        }
+        self.tracer.is_blocked(origin, direction, distance)
     }
 
     /// Notes the voxel that a hit is counted for.

@@ -78,7 +78,7 @@ pub fn bake(
     bake_on(None, scene, world, options, progress)
 }
 
-/// As [`bake`], with the rays of exposure, rows and receivers in the air traced on `device`, if there is one. What is baked is the
+/// As [`bake`], with the rays of rows and of receivers in the air traced on `device`, if there is one. What is baked is the
 /// same but for rays that pass an edge or meet two triangles within rounding.
 ///
 /// # Errors
@@ -218,8 +218,7 @@ impl<'a> Run<'a> {
         let mut key = self.common_key(&cells);
         key = xxh3_64(bytemuck::bytes_of(&[key, content.lamps]));
         let (triangles, content, work) = (&triangles, &content, files.work);
-        let device = caster.as_deref();
-        let source = SurfaceSource { builder, triangles, content, work, device, key, whole };
+        let source = SurfaceSource { builder, triangles, content, work, key, whole };
         let (set, identities, cells, mut named) = self.surfaces(&source, cells)?;
         if set.is_empty() {
             return Err(BakeError::NoPatches { voxel_edge_m: edge_m });

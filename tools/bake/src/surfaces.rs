@@ -20,7 +20,6 @@ use crate::states::States;
 use crate::words::{Reader, Writer};
 use crate::work_folder::{Kind, Stale, Stamp, WorkFolder};
 use earthshine_tiles::{BakeMethod, PatchBuilder, RowEstimator, SampleSource};
-use earthshine_trace::RayCaster;
 use earthshine_world::{Direction, Patch, Vec3, VoxelCoord};
 use glam::IVec3;
 use rayon::prelude::*;
@@ -45,8 +44,6 @@ pub(crate) struct SurfaceSource<'a> {
     pub(crate) triangles: &'a ChunkTriangles,
     pub(crate) content: &'a SceneContent<'a>,
     pub(crate) work: &'a WorkFolder,
-    /// Traces many rays at once, against the builder's scene.
-    pub(crate) device: Option<&'a dyn RayCaster>,
     /// Hash of what holds for all chunks.
     pub(crate) key: u64,
     /// All of the world, where the method needs it.
@@ -116,7 +113,7 @@ impl SurfaceSource<'_> {
         if !paths_changed {
             stamp.seen.iter().for_each(|&(cell, _)| seen.mark(cell as usize));
         }
-        let rays = points.expose(&self.builder, self.device, &concerned, &seen)?;
+        let rays = points.expose(&self.builder, &concerned, &seen);
         let at = changes.example().to_array();
         let stale = (renewed > 0).then_some(Stale::Part { renewed, of: concerned.len() as u32, at });
         let record = self.finished(chunk, &points, Stamp { seen: seen.list(), ..now })?;
@@ -134,7 +131,7 @@ impl SurfaceSource<'_> {
         let mut points = Points::new(self.samples(chunk));
         let seen = Seen::nothing(cells);
         let all = vec![true; points.samples.len()];
-        let rays = points.expose(&self.builder, self.device, &all, &seen)?;
+        let rays = points.expose(&self.builder, &all, &seen);
         let record = self.finished(chunk, &points, Stamp { seen: seen.list(), ..now })?;
         Ok(SurfaceRecord { rays, stale: Some(stale), ..record })
     }

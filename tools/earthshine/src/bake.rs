@@ -59,7 +59,7 @@ pub(crate) struct BakeArguments {
     /// the bake of an edited scene quick.
     #[arg(long)]
     discard_work: bool,
-    /// Trace the rays of exposure, rows and receivers in the air on the best graphics adapter; where there is none this is said and
+    /// Trace the rays of rows and of receivers in the air on the best graphics adapter; where there is none this is said and
     /// the CPU does it. Shares are the same but for rays that pass an edge within rounding.
     #[arg(long)]
     gpu: bool,
