@@ -71,7 +71,7 @@ impl Backends {
 
     /// `engine` with direct light on the device, if there is one.
     pub(crate) fn lighting(&self, engine: Engine) -> Engine {
-        match self.choice {
+        match self.opener {
             Some(_) => engine.lit_by(|| Box::new(DeviceLight::new(self.device()))),
             None => engine,
         }
