@@ -62,7 +62,7 @@ fn damaged(cause: &str) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, cause)
 }
 
-/// What [`write`] wrote; nothing if there is no file.
+/// What [`write()`] wrote; nothing if there is no file.
 fn read(path: &Path) -> io::Result<Vec<u8>> {
     match std::fs::metadata(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
