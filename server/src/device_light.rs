@@ -5,8 +5,8 @@ use earthshine_gpu::direct::GpuDirect;
 use earthshine_light::{DirectLight, OccluderSet, PatchPoints};
 use earthshine_world::{Light, Rgb};
 
-/// Fewer points times lamps are left to the CPU: it casts as many shadow rays in about the time of the way to a device and
-/// back.
+/// Fewer points times lamps are left to the CPU. Reckoned from the CPU's rate and a way to a device and back, not measured:
+/// look again with hardware.
 const RAYS_MIN: usize = 1024;
 
 /// Lights one level.

@@ -18,10 +18,11 @@ const ROUNDS_MAX: u32 = 8;
 /// Fewer rays are not worth the way to a device and back.
 const ROUND_RAYS_MIN: usize = 64;
 
-/// What is known of one unit's rays, in the order in which they are asked for.
+/// What is known of one unit's rays, in the order in which they are asked for. What is asked after an answer that is not
+/// known must not hang on it: else another question would stand in its place the next time, which is a mistake in `trace`.
 #[derive(Debug, Default)]
 pub(crate) struct Foresight {
-    known: Vec<Option<u32>>,
+    known: Vec<(Query, Option<u32>)>,
     asking: Mutex<Asking>,
     /// Whether what is not known is to be looked for on the CPU.
     is_last: bool,
@@ -47,7 +48,10 @@ impl Foresight {
             known
         };
         match known {
-            Some(triangle) => tracer.confirmed(&query, triangle),
+            Some((asked, triangle)) => {
+                assert_eq!(asked, query, "a ray is asked for in the same place again");
+                tracer.confirmed(&query, triangle)
+            }
             None => tracer.closest(query.origin, query.direction, 0.0, query.distance_max),
         }
     }
@@ -106,8 +110,8 @@ fn in_rounds<T: Send>(
                 done[at] = Some(result);
                 each();
             } else {
-                waiting.push((at, foresight, unknown.len()));
-                queries.extend(unknown);
+                queries.extend_from_slice(&unknown);
+                waiting.push((at, foresight, unknown));
             }
         }
         if waiting.is_empty() {
@@ -117,9 +121,9 @@ fn in_rounds<T: Send>(
         let mut found = if is_last { Vec::new() } else { device.first_triangles(&queries)? }.into_iter();
         open = waiting
             .into_iter()
-            .map(|(at, mut foresight, count)| {
+            .map(|(at, mut foresight, unknown)| {
                 foresight.is_last = is_last;
-                foresight.known.extend(found.by_ref().take(count));
+                foresight.known.extend(unknown.into_iter().zip(found.by_ref()));
                 (at, foresight)
             })
             .collect();

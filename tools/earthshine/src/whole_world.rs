@@ -32,8 +32,6 @@ pub(crate) struct WholeWorld {
     pub(crate) rows: SparseRows,
     /// Number of the first patch of each chunk.
     first: BTreeMap<ChunkId, u32>,
-    /// The same in the order of the chunks.
-    firsts: Vec<u32>,
     occluders: OccluderSet,
 }
 
@@ -78,27 +76,12 @@ impl WholeWorld {
         let first = first_patches(&chunks);
         let rows = global_rows(&chunks, &first)?;
         let grid = manifest.parameters.grid.at_level(level);
-        Ok(Self {
-            manifest,
-            level,
-            grid,
-            chunks,
-            rows,
-            firsts: first.values().copied().collect(),
-            first,
-            occluders,
-        })
+        Ok(Self { manifest, level, grid, chunks, rows, first, occluders })
     }
 
     /// Every patch, chunk by chunk: the order of rows and of light.
     pub(crate) fn patches(&self) -> impl Iterator<Item = &Patch> {
         self.chunks.iter().flat_map(|chunk| &chunk.patches)
-    }
-
-    /// The chunk of patch `patch`, and its number there.
-    pub(crate) fn place(&self, patch: u32) -> (ChunkId, u16) {
-        let at = self.firsts.partition_point(|&first| first <= patch) - 1;
-        (self.chunks[at].id, (patch - self.firsts[at]) as u16)
     }
 
     /// What comes to each patch straight from the sky of `rig`, lx.

@@ -156,11 +156,7 @@ fn fast_cameras_have_smaller_sets() {
     let config =
         EngineConfig { adds_per_tick_max: 1, removals_per_tick_max: 1, load_radius_m: 30.0, ..generous(60) };
     let world = world(7);
-    let mut crowding = crate::Crowding::new(world.index.grid.voxel_edge_m);
-    let patches: Vec<Vec3> =
-        world.chunks.values().flat_map(|chunk| &chunk.patches).map(|patch| patch.centroid).collect();
-    crowding.look(&patches, &patches);
-    let prospect = crate::Prospect::of(&world.index, &config, &[crowding]);
+    let prospect = world.prospect(&config);
     let means = crate::Means { tick_rate_hz: 60.0, tile_bytes_per_s: 1e9 };
     let mut harness = Harness::new(world, config, Faults::default());
     harness.engine = harness.engine.with_promise(prospect, means);

@@ -293,16 +293,9 @@ fn a_thousand_lights_take_their_time() {
 #[test]
 fn a_broken_promise_is_counted_and_told() {
     let means = crate::Means { tick_rate_hz: 60.0, tile_bytes_per_s: 1e9 };
-    let prospect = |world: &RandomWorld, config: &EngineConfig| {
-        let mut crowding = crate::Crowding::new(world.index.grid.voxel_edge_m);
-        let patches: Vec<Vec3> =
-            world.chunks.values().flat_map(|chunk| &chunk.patches).map(|patch| patch.centroid).collect();
-        crowding.look(&patches, &patches);
-        crate::Prospect::of(&world.index, config, &[crowding])
-    };
     for is_broken in [false, true] {
         let (world, config) = (world(14), generous(60));
-        let prospect = prospect(&world, &config);
+        let prospect = world.prospect(&config);
         let promise = prospect.promise(means);
         assert!(promise.radius_m > 1.0 && promise.recovery_s < 5.0, "{promise:?}");
         let mut harness = Harness::new(world, config, Faults::default());
@@ -329,11 +322,7 @@ fn a_broken_promise_is_counted_and_told() {
 fn the_promise_follows_the_pace_of_ticks() {
     let config = EngineConfig { adds_per_tick_max: 1, ..generous(60) };
     let world = world(14);
-    let mut crowding = crate::Crowding::new(world.index.grid.voxel_edge_m);
-    let patches: Vec<Vec3> =
-        world.chunks.values().flat_map(|chunk| &chunk.patches).map(|patch| patch.centroid).collect();
-    crowding.look(&patches, &patches);
-    let prospect = crate::Prospect::of(&world.index, &config, &[crowding]);
+    let prospect = world.prospect(&config);
     let means = crate::Means { tick_rate_hz: 60.0, tile_bytes_per_s: 1e9 };
     let first = prospect.promise(means);
     let mut harness = Harness::new(world, config, Faults::default());

@@ -7,9 +7,7 @@
 use super::backend::Faults;
 use super::harness::factory;
 use super::world::{Dice, RandomWorld, WorldShape};
-use crate::{
-    Command, Crowding, Engine, EngineConfig, Event, Frame, Means, Prospect, SessionId, SolverConfig,
-};
+use crate::{Command, Engine, EngineConfig, Event, Frame, Means, SessionId, SolverConfig};
 use earthshine_world::{Camera, Chunk, ChunkId, Light, LightRig, Rgb, Sky, Vec3};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -75,7 +73,7 @@ impl Simulation {
             drift: dice.pick(&[0.0, 1e-3]),
             capacity_max: None,
         };
-        let prospect = prospect_of(&world, &config);
+        let prospect = world.prospect(&config);
         let means = Means { tick_rate_hz: 60.0, tile_bytes_per_s: 1e6 };
         let engine =
             Engine::new(world.index.clone(), config, factory(faults)).unwrap().with_promise(prospect, means);
@@ -240,15 +238,6 @@ impl Simulation {
             self.digest(u64::from(light.known_share.to_bits()) << 32 | u64::from(light.far_share.to_bits()));
         }
     }
-}
-
-/// What a shell would promise: it is held against every tick, whatever the faults.
-fn prospect_of(world: &RandomWorld, config: &EngineConfig) -> Prospect {
-    let mut crowding = Crowding::new(world.index.grid.voxel_edge_m);
-    let finest = world.chunks.values().filter(|chunk| chunk.id.level == 0);
-    let patches: Vec<Vec3> = finest.flat_map(|chunk| &chunk.patches).map(|patch| patch.centroid).collect();
-    crowding.look(&patches, &patches);
-    Prospect::of(&world.index, config, &[crowding])
 }
 
 fn live(seed: u64) -> (u64, crate::EngineStats) {

@@ -85,6 +85,16 @@ pub(crate) struct PatchDraft {
 pub(crate) const GRID: Grid = Grid { voxel_edge_m: 1.0, chunk_edge_voxels: 4 };
 
 impl RandomWorld {
+    /// What a shell would promise of an engine of `config`.
+    pub(crate) fn prospect(&self, config: &crate::EngineConfig) -> crate::Prospect {
+        let mut crowding = crate::Crowding::new(self.index.grid.voxel_edge_m);
+        let finest = self.chunks.values().filter(|chunk| chunk.id.level == 0);
+        let patches: Vec<Vec3> =
+            finest.flat_map(|chunk| &chunk.patches).map(|patch| patch.centroid).collect();
+        crowding.look(&patches, &patches);
+        crate::Prospect::of(&self.index, config, &[crowding])
+    }
+
     pub(crate) fn new(seed: u64, shape: WorldShape) -> Self {
         let mut dice = Dice::new(seed, 1);
         let mut drafts = Vec::new();

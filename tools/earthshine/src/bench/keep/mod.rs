@@ -123,7 +123,7 @@ fn encoded_bytes(world: &WholeWorld, thinned: &Thinned, parents: &Parents) -> an
         })
         .collect();
     let bytes = chunks.into_par_iter().map(|(chunk, own)| {
-        let thin = thinned.chunk(chunk, own, world, parents);
+        let thin = thinned.chunk(chunk, own, parents);
         Ok(encode(&thin, &options)?.len() as u64)
     });
     bytes.sum()

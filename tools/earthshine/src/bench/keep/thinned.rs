@@ -13,8 +13,10 @@ use std::ops::Range;
 
 /// The patches of the next level, numbered by chunk as tiles number them.
 pub(super) struct Parents {
-    /// By patch.
+    /// By patch: its parent.
     of: Vec<u32>,
+    /// By patch: its chunk and its number there.
+    own_places: Vec<(ChunkId, u16)>,
     /// By parent: its chunk and its number there.
     places: Vec<(ChunkId, u16)>,
     /// By parent, with their share of its area.
@@ -24,16 +26,17 @@ pub(super) struct Parents {
 impl Parents {
     pub(super) fn of(world: &WholeWorld) -> Self {
         let mut keyed: BTreeMap<(ChunkId, usize, u64), Vec<(u32, f32)>> = BTreeMap::new();
-        let mut patch = 0u32;
+        let mut own_places = Vec::new();
         for chunk in world.chunks() {
-            for own in &chunk.patches {
+            for (own, local) in chunk.patches.iter().zip(0u16..) {
                 let voxel = Grid::parent_voxel(own.voxel).to_array();
                 let key = (chunk.id.parent(), own.direction.index(), morton(voxel));
-                keyed.entry(key).or_default().push((patch, own.area));
-                patch += 1;
+                keyed.entry(key).or_default().push((own_places.len() as u32, own.area));
+                own_places.push((chunk.id, local));
             }
         }
-        let mut parents = Self { of: vec![0; patch as usize], places: Vec::new(), children: Vec::new() };
+        let of = vec![0; own_places.len()];
+        let mut parents = Self { of, own_places, places: Vec::new(), children: Vec::new() };
         let mut last: Option<(ChunkId, u16)> = None;
         for ((chunk, ..), mut children) in keyed {
             let local = last.filter(|&(of, _)| of == chunk).map_or(0, |(_, local)| local + 1);
@@ -120,17 +123,11 @@ impl Thinned {
     }
 
     /// `chunk`, whose patches are `own`, with these rows.
-    pub(super) fn chunk(
-        &self,
-        chunk: &Chunk,
-        own: Range<usize>,
-        world: &WholeWorld,
-        parents: &Parents,
-    ) -> Chunk {
+    pub(super) fn chunk(&self, chunk: &Chunk, own: Range<usize>, parents: &Parents) -> Chunk {
         let rows = &self.rows[own];
         let mut entries: Vec<Vec<((ChunkId, u16), f32)>> = Vec::with_capacity(rows.len());
         for row in rows {
-            let kept = row.kept.iter().map(|&(patch, share)| (world.place(patch), share));
+            let kept = row.kept.iter().map(|&(patch, share)| (parents.own_places[patch as usize], share));
             let coarse = row.coarse.iter().map(|&(parent, share)| (parents.places[parent as usize], share));
             entries.push(kept.chain(coarse).collect());
         }
