@@ -1,7 +1,6 @@
 //! Why a bake stopped.
 
 use earthshine_tiles::{TileError, io_cure};
-use earthshine_trace::CasterError;
 use std::path::PathBuf;
 
 /// Why a bake stopped. What was finished stays on disk; running the same command again goes on from there.
@@ -93,11 +92,6 @@ pub enum BakeError {
         /// Chunk coordinates.
         chunk: [i32; 3],
     },
-    /// The device that traced rays is of no more use.
-    #[error(
-        "tracing on the device failed: {0}; run the command again to go on from here, without --gpu to go on on the CPU"
-    )]
-    Device(#[from] CasterError),
     /// A folder could not be made, read or cleared.
     #[error("{path:?}: {source}{}", io_cure(source))]
     Io {

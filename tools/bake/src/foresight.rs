@@ -6,8 +6,8 @@
 //! what few rays are left in the end are cast on the CPU. So a row is the CPU's, to the bit, but for rays that pass an edge
 //! or meet two triangles within rounding.
 
-use crate::BakeError;
-use earthshine_trace::{Hit, Query, RayCaster, SceneTracer};
+use crate::offload::Offload;
+use earthshine_trace::{Hit, Query, SceneTracer};
 use rayon::prelude::*;
 use std::sync::Mutex;
 
@@ -63,39 +63,36 @@ impl Foresight {
 }
 
 /// What `trace` makes of each of `units`, in order, each of which casts about `rays` rays: on all threads, and with the
-/// foresight of `device` if there is one. `each` is called whenever one is made.
-///
-/// # Errors
-/// [`BakeError::Device`].
+/// foresight of a device if there is one, for as long as it works. `each` is called whenever one is made.
 pub(crate) fn trace_all<T: Send>(
-    device: Option<&dyn RayCaster>,
+    offload: Option<&Offload<'_>>,
     units: &[usize],
     rays: u32,
     each: &(impl Fn() + Sync),
     trace: impl Fn(usize, Option<&Foresight>) -> T + Sync,
-) -> Result<Vec<T>, BakeError> {
-    let Some(device) = device else {
+) -> Vec<T> {
+    let Some(offload) = offload.filter(|offload| offload.caster().is_some()) else {
         let one = |&unit: &usize| {
             let made = trace(unit, None);
             each();
             made
         };
-        return Ok(units.par_iter().map(one).collect());
+        return units.par_iter().map(one).collect();
     };
     let mut all = Vec::with_capacity(units.len());
     for units in units.chunks((BATCH_RAYS / rays.max(1) as usize).max(1)) {
-        all.extend(in_rounds(device, units, each, &trace)?);
+        all.extend(in_rounds(offload, units, each, &trace));
     }
-    Ok(all)
+    all
 }
 
 /// The units of one batch.
 fn in_rounds<T: Send>(
-    device: &dyn RayCaster,
+    offload: &Offload<'_>,
     units: &[usize],
     each: &(impl Fn() + Sync),
     trace: &(impl Fn(usize, Option<&Foresight>) -> T + Sync),
-) -> Result<Vec<T>, BakeError> {
+) -> Vec<T> {
     let mut done: Vec<Option<T>> = units.iter().map(|_| None).collect();
     let mut open: Vec<(usize, Foresight)> = (0..units.len()).map(|at| (at, Foresight::default())).collect();
     for round in 0.. {
@@ -117,8 +114,11 @@ fn in_rounds<T: Send>(
         if waiting.is_empty() {
             break;
         }
-        let is_last = round >= ROUNDS_MAX || queries.len() < ROUND_RAYS_MIN;
-        let mut found = if is_last { Vec::new() } else { device.first_triangles(&queries)? }.into_iter();
+        let caster = offload.caster().filter(|_| round < ROUNDS_MAX && queries.len() >= ROUND_RAYS_MIN);
+        let found = caster
+            .and_then(|caster| caster.first_triangles(&queries).map_err(|error| offload.fail(error)).ok());
+        let is_last = found.is_none();
+        let mut found = found.unwrap_or_default().into_iter();
         open = waiting
             .into_iter()
             .map(|(at, mut foresight, unknown)| {
@@ -128,31 +128,67 @@ fn in_rounds<T: Send>(
             })
             .collect();
     }
-    Ok(done.into_iter().map(|result| result.expect("the last round leaves none open")).collect())
+    done.into_iter().map(|result| result.expect("the last round leaves none open")).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::progress::{Progress, Stage};
+    use earthshine_light::TreeLayout;
     use earthshine_scene::Scene;
-    use earthshine_trace::CasterError;
+    use earthshine_trace::{CasterError, RayCaster, RayDevice};
     use earthshine_world::Vec3;
     use std::sync::atomic::{AtomicUsize, Ordering};
 
-    /// The CPU as a device.
-    #[derive(Debug)]
-    struct Twin<'a> {
-        tracer: &'a SceneTracer<'a>,
-        batches: AtomicUsize,
+    /// The CPU as a device that does `batches_max` batches, and who hears of its failures.
+    #[derive(Debug, Clone, Copy)]
+    struct Twin {
+        tracer: &'static SceneTracer<'static>,
+        batches: &'static AtomicUsize,
+        batches_max: usize,
+        failures: &'static AtomicUsize,
     }
 
-    impl RayCaster for Twin<'_> {
+    impl Twin {
+        fn new(batches_max: usize) -> Self {
+            let scene = Box::leak(Box::new(walls()));
+            Self {
+                tracer: Box::leak(Box::new(SceneTracer::new(scene))),
+                batches: Box::leak(Box::default()),
+                batches_max,
+                failures: Box::leak(Box::default()),
+            }
+        }
+
+        fn offload(&self) -> Offload<'_> {
+            Offload::new(Some(self), self.tracer, self)
+        }
+    }
+
+    impl RayDevice for Twin {
+        fn caster(&self, layout: &TreeLayout) -> Result<Box<dyn RayCaster>, CasterError> {
+            assert_eq!(layout.triangles.len(), 40);
+            Ok(Box::new(*self))
+        }
+    }
+
+    impl RayCaster for Twin {
         fn first_triangles(&self, queries: &[Query]) -> Result<Vec<Option<u32>>, CasterError> {
-            if self.batches.fetch_add(1, Ordering::Relaxed) > 50 {
+            if self.batches.fetch_add(1, Ordering::Relaxed) >= self.batches_max {
                 return Err(CasterError("it is tired".to_owned()));
             }
             let first = |q: &Query| self.tracer.closest(q.origin, q.direction, 0.0, q.distance_max);
             Ok(queries.iter().map(|query| first(query).map(|hit| hit.triangle as u32)).collect())
+        }
+    }
+
+    impl Progress for Twin {
+        fn begin(&self, _stage: Stage, _total: u64) {}
+        fn advance(&self, _units: u64) {}
+        fn device_failed(&self, cause: &str) {
+            assert_eq!(cause, "it is tired");
+            self.failures.fetch_add(1, Ordering::Relaxed);
         }
     }
 
@@ -187,17 +223,13 @@ mod tests {
 
     #[test]
     fn what_is_foreseen_is_what_is_seen() {
-        let scene = walls();
-        let tracer = SceneTracer::new(&scene);
-        let device = Twin { tracer: &tracer, batches: AtomicUsize::new(0) };
         for count in [0, 1, 63, 64, 65, 500] {
+            let device = Twin::new(50);
             let units: Vec<usize> = (0..count).collect();
-            let seen = trace_all(None, &units, 30, &|| (), |unit, _| climb(&tracer, unit, None)).unwrap();
-            device.batches.store(0, Ordering::Relaxed);
-            let foreseen =
-                trace_all(Some(&device), &units, 30, &|| (), |unit, known| climb(&tracer, unit, known))
-                    .unwrap();
-            assert_eq!(seen, foreseen, "{count} units");
+            let seen = trace_all(None, &units, 30, &|| (), |unit, _| climb(device.tracer, unit, None));
+            let offload = device.offload();
+            let climb = |unit: usize, known: Option<&Foresight>| climb(device.tracer, unit, known);
+            assert_eq!(seen, trace_all(Some(&offload), &units, 30, &|| (), climb), "{count} units");
             let batches = device.batches.load(Ordering::Relaxed);
             // Of 65 units 62 ask anything: too few.
             assert_eq!(batches > 0, count == 500, "{batches} batches of {count} units");
@@ -205,14 +237,21 @@ mod tests {
         }
     }
 
+    /// Goal: a device that fails anywhere in a bake costs nothing but time, and is asked no more.
     #[test]
-    fn a_device_that_fails_ends_the_bake_with_its_words() {
-        let scene = walls();
-        let tracer = SceneTracer::new(&scene);
-        let device = Twin { tracer: &tracer, batches: AtomicUsize::new(99) };
+    fn what_a_device_leaves_when_it_fails_is_seen_on_the_cpu() {
         let units: Vec<usize> = (0..500).collect();
-        let failed = trace_all(Some(&device), &units, 30, &|| (), |unit, known| climb(&tracer, unit, known));
-        let said = failed.unwrap_err().to_string();
-        assert!(said.contains("tired") && said.contains("--gpu"), "{said}");
+        for batches_max in [0, 1, 3] {
+            let device = Twin::new(batches_max);
+            let offload = device.offload();
+            let seen = trace_all(None, &units, 30, &|| (), |unit, _| climb(device.tracer, unit, None));
+            for _ in 0..2 {
+                let climb = |unit: usize, known: Option<&Foresight>| climb(device.tracer, unit, known);
+                assert_eq!(seen, trace_all(Some(&offload), &units, 30, &|| (), climb), "{batches_max}");
+            }
+            assert_eq!(device.batches.load(Ordering::Relaxed), batches_max + 1);
+            assert_eq!(device.failures.load(Ordering::Relaxed), 1, "said once");
+            assert_eq!(offload.failure().as_deref(), Some("it is tired"));
+        }
     }
 }

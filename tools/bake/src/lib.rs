@@ -44,6 +44,7 @@ pub mod hidden;
 pub mod identity;
 mod kept_rows;
 pub mod memory;
+mod offload;
 pub mod overlap;
 mod parameters_check;
 pub mod patches;

@@ -74,6 +74,8 @@ pub trait Progress: Sync {
     fn begin(&self, stage: Stage, total: u64);
     /// `units` more are done.
     fn advance(&self, units: u64);
+    /// The device that rays were traced on failed of `cause`: the rest is traced on the CPU. Called once at most.
+    fn device_failed(&self, cause: &str);
 }
 
 /// Hears nothing.
@@ -83,4 +85,5 @@ pub struct Silent;
 impl Progress for Silent {
     fn begin(&self, _stage: Stage, _total: u64) {}
     fn advance(&self, _units: u64) {}
+    fn device_failed(&self, _cause: &str) {}
 }

@@ -11,6 +11,7 @@ use crate::detail_stage;
 use crate::emit::{Emitter, Parts, occluders};
 use crate::finished_world::{Before, before, remove_unlisted};
 use crate::memory::{self, MemoryLimit, Trees};
+use crate::offload::Offload;
 use crate::overlap::ChunkTriangles;
 use crate::parameters_check::check;
 use crate::patches::PatchSet;
@@ -28,7 +29,7 @@ use crate::work_folder::{Kind, WorkFolder};
 use crate::{BakeError, BakeSummary, identity};
 use earthshine_scene::Scene;
 use earthshine_tiles::{BakeParameters, ChunkEntry, EncodeOptions, Manifest, RowCodec, format};
-use earthshine_trace::{RayCaster, RayDevice, SceneTracer};
+use earthshine_trace::{RayDevice, SceneTracer};
 use earthshine_world::{ChunkId, LightRig, Rgb};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -79,7 +80,8 @@ pub fn bake(
 }
 
 /// As [`bake`], with the rays of rows and of receivers in the air traced on `device`, if there is one. What is baked is the
-/// same but for rays that pass an edge or meet two triangles within rounding.
+/// same but for rays that pass an edge or meet two triangles within rounding. When the device fails, `progress` hears of
+/// it and the CPU traces the rest.
 ///
 /// # Errors
 /// [`BakeError`]; the world is then as it was, plus the work folder.
@@ -170,7 +172,7 @@ pub(crate) struct Known<'a> {
     pub(crate) source: &'a SurfaceSource<'a>,
     pub(crate) tracer: &'a SceneTracer<'a>,
     /// Traces many rays at once, against the same scene.
-    pub(crate) device: Option<&'a dyn RayCaster>,
+    pub(crate) offload: &'a Offload<'a>,
     pub(crate) set: &'a PatchSet,
     /// By chunk: changes with its surfaces.
     pub(crate) identities: BTreeMap<[i32; 3], u64>,
@@ -211,7 +213,7 @@ impl<'a> Run<'a> {
             Trees::OfMeshes => SceneTracer::of_meshes(scene),
         };
         self.summary.tree_bytes = tracer.tree_bytes() as u64;
-        let caster = device.map(|device| device.caster(&tracer.layout())).transpose()?;
+        let offload = Offload::new(device, &tracer, self.progress);
         self.end(Stage::Tree);
         let builder = Builder { tracer: &tracer, parameters };
         let whole = self.whole(&builder);
@@ -227,13 +229,13 @@ impl<'a> Run<'a> {
         self.summary.memory_estimate_bytes = needed;
         self.options.memory.check(needed, "the scene and its patches", edge_m)?;
         let (key, states) = (self.common_key(&cells), States::begin(work, &cells)?);
-        let device = caster.as_deref();
-        let known =
-            Known { source: &source, tracer: &tracer, device, set: &set, identities, cells, states, key };
+        let (source, tracer, set, offload) = (&source, &tracer, &set, &offload);
+        let known = Known { source, tracer, offload, set, identities, cells, states, key };
         let rows = tracing::rows(self, &known)?;
         let receivers = tracing::receivers(self, &known)?;
         detail_stage::trace(self, &known)?;
-        let (scaling, balance) = rows.balance(&self.visits(&set), self.progress)?;
+        self.summary.device_failure = offload.failure();
+        let (scaling, balance) = rows.balance(&self.visits(set), self.progress)?;
         self.summary.balance = balance;
         self.end(Stage::Reciprocity);
         let mut chunks = self.tiles(&known, &rows, &scaling, &receivers)?;

@@ -77,6 +77,8 @@ pub struct BakeSummary {
     pub up_to_date: bool,
     /// Rays that told how exposed points are, in this run.
     pub exposure_rays: u64,
+    /// What the device that rays were traced on failed of, if it did: the CPU traced the rest.
+    pub device_failure: Option<String>,
     /// Rays of rows a second and core, in millions, while rows were traced.
     pub mrays_s_core: f64,
     /// Rays of all stages over all seconds of the bake and all cores, in millions.

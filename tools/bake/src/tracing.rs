@@ -54,7 +54,7 @@ pub(crate) fn rows<'k, 'r: 'k>(run: &mut Run<'r>, known: &Known<'k>) -> Result<R
             Some(estimator) => {
                 let trace = |row: usize, _: Option<&Foresight>| vec![estimator.row(range.start + row as u32)];
                 let advance = || run.progress.advance(rays);
-                let trace_rows = |rows: &[usize]| trace_all(None, rows, 1, &advance, trace);
+                let trace_rows = |rows: &[usize]| Ok(trace_all(None, rows, 1, &advance, trace));
                 kept.renewed((range.len(), 1), |_, _, _| true, trace_rows)
             }
             None => rows_of_chunk(run, known, &known.source.of(chunk, set)?, factor, kept),
@@ -98,7 +98,7 @@ fn rows_of_chunk(
         let looking = RowCaster { tracer: caster.tracer.foreseeing(foresight), ..caster };
         vec![Estimator::with_factor(looking, factor).row(first + row as u32)]
     };
-    let trace_rows = |rows: &[usize]| trace_all(known.device, rows, rays, &advance, trace);
+    let trace_rows = |rows: &[usize]| Ok(trace_all(Some(known.offload), rows, rays, &advance, trace));
     let is_concerned = |row: usize, old: &[RawRow], changes: &Changes| {
         let probe = Probe::new(changes, Answer::Sky);
         let asking = RowCaster { tracer: Eye::asking(known.tracer, &probe), ..caster };
@@ -147,7 +147,7 @@ pub(crate) fn receivers(run: &mut Run<'_>, known: &Known<'_>) -> Result<Receiver
         };
         let cast = AtomicU64::new(0);
         let trace_voxels = |voxels: &[usize]| {
-            let traced = trace_all(known.device, voxels, parameters.receiver_rays, &|| (), trace)?;
+            let traced = trace_all(Some(known.offload), voxels, parameters.receiver_rays, &|| (), trace);
             cast.fetch_add(traced.iter().map(|(_, rays)| rays).sum(), Ordering::Relaxed);
             Ok(traced.into_iter().map(|(rows, _)| rows.to_vec()).collect())
         };

@@ -119,6 +119,10 @@ impl Progress for PullThePlug {
             self.done.store(0, Ordering::Relaxed);
         }
     }
+
+    fn device_failed(&self, cause: &str) {
+        unreachable!("no device: {cause}");
+    }
 }
 
 #[test]

@@ -118,6 +118,10 @@ impl Progress for PullThePlug {
             self.left.store(left - units, Ordering::Relaxed);
         }
     }
+
+    fn device_failed(&self, cause: &str) {
+        unreachable!("no device: {cause}");
+    }
 }
 
 #[test]

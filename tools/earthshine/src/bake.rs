@@ -59,8 +59,8 @@ pub(crate) struct BakeArguments {
     /// the bake of an edited scene quick.
     #[arg(long)]
     discard_work: bool,
-    /// Trace the rays of rows and of receivers in the air on the best graphics adapter; where there is none this is said and
-    /// the CPU does it. Shares are the same but for rays that pass an edge within rounding.
+    /// Trace the rays of rows and of receivers in the air on the best graphics adapter, which has to be there; should it
+    /// fail, this is said and the CPU traces the rest. Shares are the same but for rays that pass an edge within rounding.
     #[arg(long)]
     gpu: bool,
     /// Part of the name of the adapter that has to trace; `earthshine gpu` lists them. A software adapter is taken only if
@@ -112,7 +112,7 @@ pub(crate) fn run(arguments: &BakeArguments) -> anyhow::Result<()> {
         memory: arguments.memory.unwrap_or_default(),
         discard_work: arguments.discard_work,
     };
-    let adapter = if arguments.gpu { Adapter::open(&arguments.gpu_adapter)? } else { None };
+    let adapter = arguments.gpu.then(|| Adapter::open(&arguments.gpu_adapter)).transpose()?;
     let device = adapter.as_ref().map(|adapter| adapter as &dyn RayDevice);
     let bars = BakeBars::new(quiet);
     let summary = earthshine_bake::bake_on(device, &source.scene, &arguments.world, &options, &bars)?;

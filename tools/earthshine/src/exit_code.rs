@@ -89,7 +89,6 @@ fn code(cause: &(dyn std::error::Error + 'static)) -> Option<u8> {
             | BakeError::Memory { .. } => USAGE,
             BakeError::TooManyPatches { .. } | BakeError::NoPatches { .. } => INPUT,
             BakeError::OtherWorld { .. } => WORLD,
-            BakeError::Device(_) => OTHER,
             BakeError::Io { .. } | BakeError::WorkChanged { .. } => STORAGE,
             BakeError::Tile(error) => tile_code(error),
         });

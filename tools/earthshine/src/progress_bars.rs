@@ -43,6 +43,14 @@ impl Progress for BakeBars {
             bar.inc(units);
         }
     }
+
+    fn device_failed(&self, cause: &str) {
+        let said = format!("warning: tracing on the device failed: {cause}; the CPU traces the rest");
+        match &*self.bar.lock().expect("no holder panics") {
+            Some(bar) => bar.suspend(|| eprintln!("{said}")),
+            None => eprintln!("{said}"),
+        }
+    }
 }
 
 /// A bar over `total` `unit`s.
