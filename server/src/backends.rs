@@ -2,10 +2,12 @@
 
 use crate::config::{BackendKind, Config};
 use crate::device_light::DeviceLight;
+use crate::device_receivers::DeviceReceivers;
 use crate::error::ServerError;
 use crate::pipeline_file::DeviceOpener;
 use earthshine_engine::{BackendFactory, Engine, SolverConfig};
 use earthshine_gpu::{AdapterChoice, GpuBackend, GpuDevice, GpuRowLight, memory};
+use earthshine_radiosity::receivers::ReceiverLight;
 use earthshine_radiosity::solver::row_light::RowLightFactory;
 use earthshine_radiosity::solver::{CpuRowLight, Method, SolverBackend, SolverSettings};
 use earthshine_radiosity::{Backend, BackendError, CpuBackend, LocalMatrix, Slot};
@@ -69,12 +71,14 @@ impl Backends {
         self.current.clone()
     }
 
-    /// `engine` with direct light on the device, if there is one.
+    /// `engine` with direct light and light of receivers on the device, if there is one.
     pub(crate) fn lighting(&self, engine: Engine) -> Engine {
-        match self.opener {
-            Some(_) => engine.lit_by(|| Box::new(DeviceLight::new(self.device()))),
-            None => engine,
+        if self.opener.is_none() {
+            return engine;
         }
+        let current = self.device();
+        let receivers = move || Box::new(DeviceReceivers::new(current.clone())) as Box<dyn ReceiverLight>;
+        engine.lit_by(|| Box::new(DeviceLight::new(self.device()))).receivers_by(Box::new(receivers))
     }
 
     /// Local matrices with as many slots as asked for, or fewer if there is no memory for them.

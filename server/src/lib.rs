@@ -30,6 +30,7 @@ pub mod config;
 mod connection;
 mod convert;
 mod device_light;
+mod device_receivers;
 mod engine_thread;
 mod error;
 mod flow;

@@ -294,4 +294,56 @@ gpu_structs! {
         /// Of no meaning.
         spare: [u32; 2],
     }
+
+    /// The row of a receiver.
+    ReceiverSpan {
+        /// Of the lobes +X, -X, +Y.
+        first_sky: [f32; 3],
+        /// Where its columns begin.
+        first: u32,
+        /// Of the lobes -Y, +Z, -Z.
+        last_sky: [f32; 3],
+        /// How many.
+        count: u32,
+    }
+
+    /// One form factor of a receiver's row.
+    ReceiverColumn {
+        /// Segment of its chunk, and the patch in it times 2^16.
+        patch_of: u32,
+        /// 0..=1.
+        share: f32,
+    }
+
+    /// A receiver whose light is asked for.
+    ReceiverAsked {
+        /// Which.
+        row: u32,
+        /// Where the segments of its chunk begin.
+        first_span: u32,
+    }
+
+    /// Where the patches of a segment are in the list of sources.
+    SegmentSpan {
+        /// The first.
+        first: u32,
+        /// How many; a patch beyond has no source.
+        count: u32,
+    }
+
+    /// What arrives at a receiver.
+    ReceiverLight {
+        /// From resident patches, lx.
+        irradiance: [f32; 3],
+        /// Of its row.
+        resident_share: f32,
+        /// From coarse parents, lx.
+        far_irradiance: [f32; 3],
+        /// Of its row.
+        far_share: f32,
+        /// From the sky, lx.
+        sky_irradiance: [f32; 3],
+        /// Of the far share: what known parents stand for.
+        fed_share: f32,
+    }
 }

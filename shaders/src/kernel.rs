@@ -331,6 +331,21 @@ kernel!(
     /// What arrives at points of all lamps.
     SUM_LAMPS = "sum_lamps", [], [read("arriving"), written("on_points")], crate::limits::RAY_LANES
 );
+kernel!(
+    /// What arrives at receivers.
+    GATHER_RECEIVERS = "gather_receivers",
+    ["receiver"],
+    [
+        read("asked"),
+        read("rows"),
+        read("columns"),
+        read("spans"),
+        read("source_of"),
+        read("sources"),
+        read("sky"),
+        written("gathered"),
+    ]
+);
 
 /// Every kernel.
 pub const KERNELS: &[Kernel] = &[
@@ -372,4 +387,5 @@ pub const KERNELS: &[Kernel] = &[
     TRACE_CLOSEST,
     LIGHT_POINTS,
     SUM_LAMPS,
+    GATHER_RECEIVERS,
 ];

@@ -38,6 +38,8 @@ pub const RAY_LANES: u32 = 64;
 pub const TREE_STACK: u32 = 40;
 /// Of a ray that meets no triangle.
 pub const NO_TRIANGLE: u32 = u32::MAX;
+/// Of a column that no source stands for.
+pub const NO_SOURCE: u32 = u32::MAX;
 
 /// Every constant that a kernel may name, as WGSL has it. A test holds each kernel against this list.
 pub const CONSTANTS: &[(&str, u32)] = &[
@@ -59,4 +61,5 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("RAY_LANES", RAY_LANES),
     ("TREE_STACK", TREE_STACK),
     ("NO_TRIANGLE", NO_TRIANGLE),
+    ("NO_SOURCE", NO_SOURCE),
 ];

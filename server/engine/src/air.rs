@@ -5,35 +5,32 @@
 //! (`B = E + rho I`), plus the sky its row sees; for columns of the air that hold no slot their coarse parents stand in, as they
 //! do for patches. Detail stands for parts of a patch: it speaks only where its patch is resident,
 //! and has as much light from afar, for its far share, as that has. Whenever the light of the patches has changed all receivers are out of date; a tick gathers as many as its
-//! budget allows, those whose turn was longest ago first and among equals the nearest.
+//! budget allows, those whose turn was longest ago first and among equals the nearest. Where a device gathers
+//! ([`crate::air_device`]) it takes all of them at once, and their light is told when it comes. How a row becomes light is [`crate::air_light`]'s business.
 
+use crate::air_device::AirDevice;
+use crate::air_light::{RowSources, Segment, Teller};
 use crate::chunks::ChunkTable;
 use crate::far::FarSenders;
-use crate::local_set::{LocalSet, Resident};
-use crate::slots::{FREE, parts_of_row};
+use crate::local_set::LocalSet;
 use crate::{EngineConfig, PatchLight};
-use earthshine_light::{NEAR_SHARE_MIN, NearPatch, Viewer};
+use earthshine_radiosity::receivers::ReceiverLight;
 use earthshine_world::lineage::Lineage;
-use earthshine_world::{
-    Chunk, ChunkId, DetailVoxel, Direction, Grid, LightRig, Patch, ReceiverPlace, Rgb, Vec3, Vec4, VoxelCoord,
-};
+use earthshine_world::{Chunk, ChunkId, Grid, LightRig, Vec3, VoxelCoord};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
-
-/// A receiver that rests on less than this share of its row, what coarse levels bring included, says nothing: half of a room is not its light.
-const KNOWN_SHARE_MIN: f32 = 0.5;
 
 /// How far the focus moves before other voxels are chosen, in voxels.
 const STEP_VOXELS: f32 = 0.5;
 
 /// The receivers of one voxel.
 #[derive(Debug)]
-struct AirVoxel {
-    chunk: Arc<Chunk>,
-    lineage: Arc<Lineage>,
+pub(crate) struct AirVoxel {
+    pub(crate) chunk: Arc<Chunk>,
+    pub(crate) lineage: Arc<Lineage>,
     /// Rows of its receivers in the chunk.
-    rows: Range<usize>,
+    pub(crate) rows: Range<usize>,
     /// Generation of the patches' light that `lights` were gathered from; 0 for none yet.
     lit: u64,
     /// Of its air, those that know enough, by direction.
@@ -41,11 +38,11 @@ struct AirVoxel {
     /// Of its surfaces, by direction and detail voxel, with the coordinates of those.
     details: Vec<PatchLight>,
     /// Whether detail voxels are told of at all.
-    has_detail: bool,
+    pub(crate) has_detail: bool,
 }
 
 /// Names a voxel's receivers: their chunk, and the first of their rows.
-type AirKey = (ChunkId, usize);
+pub(crate) type AirKey = (ChunkId, usize);
 
 /// The receivers that one session is told of.
 #[derive(Debug, Default)]
@@ -65,6 +62,25 @@ pub(crate) struct AirSet {
     has_news: bool,
     /// Where the voxels were chosen from: the focus, and the chunks.
     planned: Option<(Vec3, Vec<Arc<Chunk>>)>,
+    device: AirDevice,
+}
+
+/// Rows that a tick gathered.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct RowsSpent {
+    /// On the CPU.
+    pub(crate) here: u32,
+    /// Handed to a device.
+    pub(crate) elsewhere: u32,
+}
+
+impl AirVoxel {
+    /// Takes light gathered from that of generation `lit`. Returns whether it is another.
+    fn take(&mut self, (lights, details): (Vec<PatchLight>, Vec<PatchLight>), lit: u64) -> bool {
+        let is_new = lights != self.lights || details != self.details;
+        (self.lights, self.details, self.lit) = (lights, details, lit);
+        is_new
+    }
 }
 
 struct Near<'a> {
@@ -74,29 +90,6 @@ struct Near<'a> {
     key: AirKey,
     end: usize,
     voxel: VoxelCoord,
-}
-
-/// One segment of a chunk's rows.
-struct Segment<'a> {
-    /// By patch, or none.
-    slots: &'a [u32],
-    /// Where what stands for its patches is listed.
-    senders: usize,
-}
-
-/// What receivers gather from.
-struct Sources<'a> {
-    local: &'a LocalSet,
-    rig: &'a LightRig,
-    /// By slot, lm/m2.
-    exitance: Vec<Rgb>,
-    /// Slots of patches by place, where there is detail.
-    by_place: BTreeMap<([i32; 3], Direction), u32>,
-    /// Detail voxels along a voxel's edge, and voxels.
-    detail: u32,
-    grid: Grid,
-    /// Whether any patch has light that differs between its points.
-    has_near: bool,
 }
 
 /// Detail voxels that a session is told of, at most: those of the voxels nearest to the camera.
@@ -163,7 +156,9 @@ impl AirSet {
 
     /// Forgets all light: the patches it rests on are gone.
     pub(crate) fn clear(&mut self) {
-        *self = Self { generation: self.generation, has_news: true, ..Self::default() };
+        let mut device = std::mem::take(&mut self.device);
+        device.forget();
+        *self = Self { generation: self.generation, has_news: true, device, ..Self::default() };
     }
 
     /// Voxels whose light is out of date.
@@ -176,49 +171,87 @@ impl AirSet {
         self.voxels.len()
     }
 
-    /// Gathers from `local`, and from what stands for patches beyond it, until `rows_max` rows are spent, one voxel at least.
-    /// Returns the rows spent.
+    /// Has `gatherer` gather from now on, as far as that can; the CPU does the rest.
+    pub(crate) fn gather_by(&mut self, gatherer: Box<dyn ReceiverLight>) {
+        self.device = AirDevice::new(gatherer);
+    }
+
+    /// Takes what a device has gathered, and has it gather all that is out of date. Where there is none: gathers from `local`,
+    /// and from what stands for patches beyond it, until `rows_max` rows are spent, one voxel at least.
     pub(crate) fn gather(
         &mut self,
         local: &LocalSet,
         mut far: FarSenders<'_>,
         rig: &LightRig,
         rows_max: u32,
-    ) -> u32 {
+    ) -> RowsSpent {
+        let Some(grid) = self.grid else { return RowsSpent::default() };
+        self.take_arrived(local, grid);
         if self.stale == 0 {
-            return 0;
+            return RowsSpent::default();
         }
-        let Some(grid) = self.grid else { return 0 };
-        let sources = Sources::new(local, rig, self.detail, grid);
+        let turn = self.turn();
+        let Self { voxels, generation, device, .. } = self;
+        match device.hand_over(voxels, &turn, *generation, local, &mut far, rig) {
+            Some(elsewhere) => RowsSpent { here: 0, elsewhere },
+            None => {
+                let sources = RowSources::new(local, rig, far);
+                let here = self.gather_here(&turn, sources, &Teller::new(local, self.detail, grid), rows_max);
+                RowsSpent { here, elsewhere: 0 }
+            }
+        }
+    }
+
+    /// What is out of date: those whose turn was longest ago first, and among equals the nearest.
+    fn turn(&self) -> Vec<AirKey> {
         let mut turn: Vec<(u64, usize)> = (0..self.nearest_first.len())
             .map(|place| (self.voxels[&self.nearest_first[place]].lit, place))
             .filter(|&(lit, _)| lit < self.generation)
             .collect();
         turn.sort_unstable();
+        turn.into_iter().map(|(_, place)| self.nearest_first[place]).collect()
+    }
+
+    fn gather_here(
+        &mut self,
+        turn: &[AirKey],
+        mut sources: RowSources<'_>,
+        teller: &Teller<'_>,
+        rows_max: u32,
+    ) -> u32 {
         let mut spent = 0u32;
         let mut chunks: BTreeMap<ChunkId, Vec<Segment<'_>>> = BTreeMap::new();
-        for (_, place) in turn {
-            let voxel = self.voxels.get_mut(&self.nearest_first[place]).expect("a planned voxel is there");
+        for key in turn {
+            let voxel = self.voxels.get_mut(key).expect("a planned voxel is there");
             let cost = u32::try_from(voxel.rows.len()).unwrap_or(u32::MAX);
             if spent > 0 && spent.saturating_add(cost) > rows_max {
                 break;
             }
-            let (chunk, lineage) = (&voxel.chunk, &voxel.lineage);
-            let segments = chunks.entry(chunk.id).or_insert_with(|| {
-                let slots = local.segment_slots(&chunk.receivers.rows);
-                let ids = chunk.receivers.rows.segments.iter();
-                ids.zip(slots)
-                    .map(|(&id, slots)| Segment { slots, senders: far.place(id, lineage) })
-                    .collect()
-            });
-            let (lights, details) = sources.gathered(voxel, segments, &far);
-            self.has_news |= lights != voxel.lights || details != voxel.details;
-            (voxel.lights, voxel.details) = (lights, details);
-            voxel.lit = self.generation;
+            let segments = chunks.entry(key.0).or_insert_with(|| sources.segments(voxel));
+            let told =
+                teller.tell(voxel, |row, near| sources.gather(&voxel.chunk, row, segments, near.as_ref()));
+            self.has_news |= voxel.take(told, self.generation);
             spent = spent.saturating_add(cost);
             self.stale -= 1;
         }
         spent
+    }
+
+    /// Tells what a device has gathered of voxels that are still planned.
+    fn take_arrived(&mut self, local: &LocalSet, grid: Grid) {
+        let Some((asked, sums)) = self.device.take() else { return };
+        let teller = Teller::new(local, self.detail, grid);
+        let mut rest = &sums[..];
+        for (key, chunk) in asked.voxels {
+            let run = chunk.receivers.places[key.1..].chunk_by(|a, b| a.voxel == b.voxel).next();
+            let (own, others) = rest.split_at(run.map_or(0, <[_]>::len));
+            rest = others;
+            if let Some(voxel) = self.voxels.get_mut(&key).filter(|voxel| Arc::ptr_eq(&voxel.chunk, &chunk)) {
+                let told = teller.tell_sums(voxel, own);
+                self.has_news |= voxel.take(told, asked.generation);
+            }
+        }
+        self.stale = self.stale_now();
     }
 
     /// Light on surfaces by detail voxel, ascending by detail voxel (x, y, z), then direction.
@@ -283,126 +316,4 @@ fn nearest<'a>(
 /// How many of `rows` are of surfaces.
 fn detail_count(chunk: &Chunk, rows: Range<usize>) -> usize {
     chunk.receivers.places[rows].iter().filter(|place| place.detail.is_some()).count()
-}
-
-impl<'a> Sources<'a> {
-    fn new(local: &'a LocalSet, rig: &'a LightRig, detail: u32, grid: Grid) -> Self {
-        let place = |(slot, resident): (u32, &Resident)| {
-            ((resident.patch.voxel.to_array(), resident.patch.direction), slot)
-        };
-        let by_place = if detail > 1 { local.iter().map(place).collect() } else { BTreeMap::new() };
-        let has_near = detail > 1 && local.iter().any(|(_, resident)| resident.light.on_points().is_some());
-        Self { local, rig, exitance: local.exitances(), by_place, detail, grid, has_near }
-    }
-
-    /// Light of the receivers of `voxel`, of its air and of its detail voxels.
-    fn gathered(
-        &self,
-        voxel: &AirVoxel,
-        segments: &[Segment<'_>],
-        far: &FarSenders<'_>,
-    ) -> (Vec<PatchLight>, Vec<PatchLight>) {
-        let (mut lights, mut details) = (Vec::new(), Vec::new());
-        for row in voxel.rows.clone() {
-            let place = voxel.chunk.receivers.places[row];
-            let Some(detail) = place.detail else {
-                let (light, far_light) = self.light(&voxel.chunk, row, segments, far, None);
-                let light = PatchLight {
-                    irradiance: finite(light.irradiance + far_light.truncate()),
-                    fed_share: far_light.w.clamp(0.0, 1.0),
-                    ..light
-                };
-                lights.extend((light.known_share + light.fed_share >= KNOWN_SHARE_MIN).then_some(light));
-                continue;
-            };
-            let slot = self.by_place.get(&(place.voxel.to_array(), place.direction));
-            let Some(&slot) = slot.filter(|_| voxel.has_detail) else { continue };
-            let resident = self.local.resident(slot);
-            let viewer = self.has_near.then(|| self.viewer(&place, detail, resident));
-            let light = fed_as(resident, self.light(&voxel.chunk, row, segments, far, viewer.as_ref()).0);
-            let (voxel, plane_offset) = (detail.coord(light.voxel, self.detail), Some(detail.plane_offset()));
-            details.push(PatchLight { voxel, plane_offset, ..light });
-        }
-        (lights, details)
-    }
-
-    /// The surface in part `detail` of `resident`, as it looks out.
-    fn viewer(&self, place: &ReceiverPlace, detail: DetailVoxel, resident: &Resident) -> Viewer {
-        let own = self.local.chunk_of(resident.id).points_of(&resident.patch);
-        Viewer::new(place, detail, self.detail, &self.grid, own)
-    }
-
-    /// By how much what `viewer` sees of the patch in `slot` is brighter than the whole of it, lm/m2.
-    fn excess(&self, viewer: &Viewer, slot: u32) -> Rgb {
-        let resident = self.local.resident(slot);
-        let Some((mean, irradiance)) = resident.light.on_points() else { return Rgb::ZERO };
-        let points = self.local.chunk_of(resident.id).points_of(&resident.patch);
-        let seen = viewer.sees(NearPatch { points, irradiance });
-        let reflectance = resident.patch.reflectance.min(Rgb::splat(Patch::REFLECTANCE_MAX));
-        seen.map_or(Rgb::ZERO, |seen| reflectance * (seen - mean))
-    }
-
-    /// Light of the receiver in row `row`, without that of far columns; and that, with how much of the row it stands for.
-    /// A `viewer` tells parts of patches near by apart.
-    fn light(
-        &self,
-        chunk: &Chunk,
-        row: usize,
-        segments: &[Segment<'_>],
-        far_senders: &FarSenders<'_>,
-        viewer: Option<&Viewer>,
-    ) -> (PatchLight, Vec4) {
-        let rows = &chunk.receivers.rows;
-        let (mut resident, mut far) = (0.0f64, 0.0f64);
-        let (mut irradiance, mut far_light) = (Rgb::ZERO, Vec4::ZERO);
-        for (column, share) in rows.row(row) {
-            let (segment, patch) = (&segments[usize::from(column.segment)], usize::from(column.local));
-            match segment.slots.get(patch) {
-                Some(&slot) if slot != FREE => {
-                    resident += f64::from(share);
-                    irradiance += share * self.exitance[slot as usize];
-                    if let Some(viewer) = viewer.filter(|_| share >= NEAR_SHARE_MIN) {
-                        irradiance += share * self.excess(viewer, slot);
-                    }
-                }
-                _ => {
-                    far += f64::from(share);
-                    far_light += share * far_senders.sent(segment.senders, patch);
-                }
-            }
-        }
-        let parts = parts_of_row(rows, row, resident, far);
-        let sky = self.rig.sky.irradiance(&rows.sky_shares[row]);
-        let place = chunk.receivers.places[row];
-        let light = PatchLight {
-            voxel: place.voxel,
-            direction: place.direction,
-            irradiance: finite(irradiance + sky),
-            sky_irradiance: finite(sky),
-            plane_offset: None,
-            known_share: parts.known(),
-            far_share: parts.far.clamp(0.0, 1.0),
-            fed_share: 0.0,
-            staleness: 0,
-        };
-        (light, far_light)
-    }
-}
-
-/// `light` of a detail voxel with what comes from afar to the patch that it is part of, for its own far share.
-fn fed_as(patch: &Resident, light: PatchLight) -> PatchLight {
-    if patch.parts().far <= 0.0 {
-        return light;
-    }
-    let ratio = light.far_share / patch.parts().far;
-    PatchLight {
-        irradiance: finite(light.irradiance + patch.light.far_irradiance * ratio),
-        fed_share: (patch.fed_share * ratio).clamp(0.0, light.far_share),
-        ..light
-    }
-}
-
-/// Light that an `f32` cannot carry is as bright as it can be.
-fn finite(light: Rgb) -> Rgb {
-    light.max(Rgb::ZERO).min(Rgb::splat(f32::MAX))
 }

@@ -97,7 +97,7 @@ pub struct EngineConfig {
     pub receiver_voxels_max: u32,
     /// Rows of receivers gathered a tick, over all sessions, at least 1.
     ///
-    /// One voxel a session and tick is gathered however small this is.
+    /// One voxel a session and tick is gathered however small this is. A device gathers all of them whatever it is.
     /// - Higher: light in the air follows the light of surfaces closely; longer ticks.
     /// - Lower: shorter ticks; light in the air is older.
     pub receiver_rows_per_tick_max: u32,

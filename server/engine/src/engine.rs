@@ -15,6 +15,7 @@ use crate::stats::{Counters, EngineStats, TickStats};
 use crate::{Command, Event, SessionId, SolverConfig};
 use earthshine_light::DirectLight;
 use earthshine_light::Occluders;
+use earthshine_radiosity::receivers::ReceiverLight;
 use earthshine_radiosity::{Backend, BackendError};
 use earthshine_world::lineage::Lineage;
 use earthshine_world::{Camera, Chunk, ChunkId, Grid, LightRig, Vec3, WorldIndex};
@@ -24,10 +25,15 @@ use std::sync::Arc;
 /// Builds a backend with as many slots as asked for, or fewer if the device has no room for them.
 pub type BackendFactory = Box<dyn FnMut(u32) -> Result<Box<dyn Backend>, BackendError> + Send>;
 
+/// Makes who gathers light of receivers for one session.
+pub type ReceiverLightFactory = Box<dyn FnMut() -> Box<dyn ReceiverLight> + Send>;
+
 /// The state machine. One thread calls it; it never waits.
 pub struct Engine {
     pub(crate) config: EngineConfig,
     backends: BackendFactory,
+    /// Who gathers light of receivers for each session beside the CPU.
+    receiver_lights: Option<ReceiverLightFactory>,
     /// What a session is lit by before it says otherwise.
     world_lights: LightRig,
     pub(crate) chunks: ChunkTable,
@@ -100,6 +106,7 @@ impl Engine {
         Ok(Self {
             config,
             backends,
+            receiver_lights: None,
             world_lights,
             chunks,
             sessions: BTreeMap::new(),
@@ -119,6 +126,14 @@ impl Engine {
     #[must_use]
     pub fn lit_by(mut self, make: impl FnMut() -> Box<dyn DirectLight>) -> Self {
         self.chunks.light_by(make);
+        self
+    }
+
+    /// Has light of each session's receivers gathered by what `make` gives, as far as that can; the CPU does the rest.
+    /// Frames then depend on when its answers come.
+    #[must_use]
+    pub fn receivers_by(mut self, make: ReceiverLightFactory) -> Self {
+        self.receiver_lights = Some(make);
         self
     }
 
@@ -213,7 +228,10 @@ impl Engine {
         if is_full || self.sessions.contains_key(&id) {
             self.counters.ignored.sessions += 1;
         } else {
-            let session = Session::new(id, self.world_lights.clone(), self.chunks.levels());
+            let mut session = Session::new(id, self.world_lights.clone(), self.chunks.levels());
+            if let Some(make) = &mut self.receiver_lights {
+                session.air.gather_by(make());
+            }
             self.sessions.insert(id, session);
         }
     }
@@ -406,7 +424,7 @@ impl Engine {
         settled
     }
 
-    /// Gathers light in empty air, each session for its share of the tick's budget.
+    /// Gathers light in empty air, each session for its share of the tick's budget, or all of it on a device.
     fn gather_air(&mut self) {
         let mut budget = Budget::new(self.effort.of(self.config.receiver_rows_per_tick_max));
         let waiting: Vec<_> = self
@@ -419,8 +437,8 @@ impl Engine {
             let session = self.sessions.get_mut(&id).expect("waiting sessions are open");
             let weight = Weight { own: 1, waiting: waiting.len() as u64 - served as u64 };
             let spent = session.gather_air(budget.share(weight));
-            budget.spend(spent);
-            self.counters.receiver_rows += u64::from(spent);
+            budget.spend(spent.here);
+            self.counters.receiver_rows += u64::from(spent.here) + u64::from(spent.elsewhere);
         }
     }
 

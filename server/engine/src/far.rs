@@ -265,6 +265,17 @@ impl<'a> FarSenders<'a> {
         self.chunks.len() - 1
     }
 
+    /// Numbers of the parents of the patches of the chunk at `place`, in the chunk's parent.
+    pub(crate) fn parents(&self, place: usize) -> &[u16] {
+        self.chunks[place].parents.as_deref().unwrap_or_default()
+    }
+
+    /// What parent `parent` of the chunk at `place` sends, as [`Self::sent`]; worked out each time.
+    pub(crate) fn sent_by(&self, place: usize, parent: u16) -> Vec4 {
+        let exitance = self.chunks[place].ancestry.exitance(usize::from(parent));
+        exitance.map_or(Vec4::ZERO, |exitance| exitance.extend(1.0))
+    }
+
     /// What stands for patch `patch` of the chunk at `place`: red, green, blue, and one if that is known, else all zero.
     pub(crate) fn sent(&self, place: usize, patch: usize) -> Vec4 {
         let SendingChunk { parents, ancestry, sent } = &self.chunks[place];

@@ -17,7 +17,7 @@
 //! | remove, add, light the new ones | `turns`, `swaps`, `swap_price`, `local_set`, `slots`, `row_split` | `removals_per_tick_max`, `adds_per_tick_max` |
 //! | light what is out of date | `relight`, `direct`, `shadow_reach` | `shadow_points_per_tick_max` |
 //! | far light, sources to the backends, step, read, the coarsest level first | `far`, `relight`, `level_view` | |
-//! | gather light in empty air | `air` | `receiver_rows_per_tick_max` |
+//! | gather light in empty air | `air`, `air_light`, `air_device`, `receiver_columns` | `receiver_rows_per_tick_max` |
 //! | hold the tick against the promise | `coverage`, [`promise`] | |
 //! | publish | `session` | one frame a session |
 //!
@@ -35,6 +35,8 @@
 //! farther. The top level is held whole if it fits, is asked for first and stays: there is never nothing to show.
 
 mod air;
+mod air_device;
+mod air_light;
 mod budget;
 mod chunks;
 pub mod config;
@@ -54,6 +56,7 @@ mod levels;
 mod local_set;
 mod priority;
 pub mod promise;
+mod receiver_columns;
 mod relight;
 pub mod residency;
 mod row_split;
@@ -72,7 +75,7 @@ mod turns;
 
 pub use config::{ConfigError, EngineConfig};
 pub use crowding::Crowding;
-pub use engine::{BackendFactory, Engine};
+pub use engine::{BackendFactory, Engine, ReceiverLightFactory};
 pub use error::EngineError;
 pub use event::{Command, Event, SessionId};
 pub use frame::{Frame, FrameQuality, LevelLight, PatchLight};

@@ -2,7 +2,7 @@
 //!
 //! What happens on one level is the [`LevelView`]'s business.
 
-use crate::air::AirSet;
+use crate::air::{AirSet, RowsSpent};
 use crate::chunks::ChunkTable;
 use crate::config::EngineConfig;
 use crate::far::{FarSenders, exitances_of};
@@ -151,9 +151,9 @@ impl Session {
         Ok(())
     }
 
-    /// Gathers light in empty air that is out of date, for up to `rows_max` rows. Returns the rows spent.
-    pub(crate) fn gather_air(&mut self, rows_max: u32) -> u32 {
-        let Some(local) = &self.views[0].local else { return 0 };
+    /// Gathers light in empty air that is out of date, for up to `rows_max` rows on the CPU.
+    pub(crate) fn gather_air(&mut self, rows_max: u32) -> RowsSpent {
+        let Some(local) = &self.views[0].local else { return RowsSpent::default() };
         let coarser: Vec<_> = self.views[1..].iter().map(|view| view.local.as_ref()).collect();
         let exitances = exitances_of(&coarser);
         let far = FarSenders::new(coarser, &exitances);

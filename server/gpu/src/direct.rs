@@ -4,6 +4,7 @@
 //! over them. Room is handed out from the front of two lists; when one is full, what is still resident is put into new ones
 //! with as much room again, so a chunk is uploaded about twice while it is resident, however many come and go.
 
+use crate::arena::Arena;
 use crate::device::GpuDevice;
 use crate::rays::{STORAGE, TreesError, check_depth, placement_words, triangle_words, uploaded};
 use crate::readback::read_now;
@@ -35,39 +36,6 @@ struct Resident {
     depth: u32,
 }
 
-/// A list on the device that is filled from the front.
-#[derive(Debug)]
-struct Arena {
-    buffer: Buffer,
-    /// Bytes of an element.
-    stride: u64,
-    used: u64,
-    capacity: u64,
-}
-
-impl Arena {
-    fn new(device: &GpuDevice, label: &str, stride: usize, capacity: u64) -> Result<Self, TreesError> {
-        let (stride, most) = (stride as u64, device.binding_bytes_max());
-        if stride * capacity > most {
-            return Err(TreesError::TooLarge { bytes: stride * capacity, most });
-        }
-        let buffer = device.buffer(label, stride * capacity, STORAGE)?;
-        Ok(Self { buffer, stride, used: 0, capacity })
-    }
-
-    fn has_room(&self, count: usize) -> bool {
-        self.used + count as u64 <= self.capacity
-    }
-
-    /// Appends `values`, for which there is room; returns the number of the first.
-    fn push<T: bytemuck::NoUninit>(&mut self, device: &GpuDevice, values: &[T]) -> u32 {
-        let first = self.used;
-        device.queue().write_buffer(&self.buffer, first * self.stride, bytemuck::cast_slice(values));
-        self.used += values.len() as u64;
-        first as u32
-    }
-}
-
 /// Trees of one level's resident chunks on a device, and what lights patches through them. For one [`OccluderSet`] all its life.
 #[derive(Debug)]
 pub struct GpuDirect {
@@ -93,8 +61,8 @@ impl GpuDirect {
     pub fn new(device: &GpuDevice, rays_min: usize) -> Result<Self, TreesError> {
         Ok(Self {
             residents: BTreeMap::new(),
-            nodes: Arena::new(device, "nodes", size_of::<NodeWords>(), TRIANGLES_MIN / 4)?,
-            triangles: Arena::new(device, "triangles", size_of::<TreeTriangle>(), TRIANGLES_MIN)?,
+            nodes: arena(device, "nodes", size_of::<NodeWords>(), TRIANGLES_MIN / 4)?,
+            triangles: arena(device, "triangles", size_of::<TreeTriangle>(), TRIANGLES_MIN)?,
             placements: device.buffer("placements", 0, STORAGE)?,
             top_node: 0,
             changes: None,
@@ -209,9 +177,9 @@ impl GpuDirect {
             (2 * count as u64).min(most / stride as u64).max(count as u64).max(least)
         };
         let strides = (size_of::<NodeWords>(), size_of::<TreeTriangle>());
-        self.nodes = Arena::new(&self.device, "nodes", strides.0, room(nodes, strides.0, TRIANGLES_MIN / 4))?;
+        self.nodes = arena(&self.device, "nodes", strides.0, room(nodes, strides.0, TRIANGLES_MIN / 4))?;
         self.triangles =
-            Arena::new(&self.device, "triangles", strides.1, room(triangles, strides.1, TRIANGLES_MIN))?;
+            arena(&self.device, "triangles", strides.1, room(triangles, strides.1, TRIANGLES_MIN))?;
         Ok(())
     }
 
@@ -254,7 +222,7 @@ impl GpuDirect {
             ..Pass::default()
         };
         let mut recorder = Recorder::new(device, &self.uniforms, self.timing.as_mut());
-        let [nodes, triangles] = [&self.nodes.buffer, &self.triangles.buffer];
+        let [nodes, triangles] = [self.nodes.buffer(), self.triangles.buffer()];
         let bound =
             [nodes, &self.placements, triangles, &points_on, &spans_on, &lamps_on, &shifts_on, &arriving];
         recorder.dispatch(&LIGHT_POINTS, &bound, pass, folded((rays as u32).div_ceil(RAY_LANES)));
@@ -288,6 +256,15 @@ impl DirectLight for GpuDirect {
             }
         }
     }
+}
+
+/// Room for `capacity` elements in one binding.
+fn arena(device: &GpuDevice, label: &str, stride: usize, capacity: u64) -> Result<Arena, TreesError> {
+    let (bytes, most) = (stride as u64 * capacity, device.binding_bytes_max());
+    if bytes > most {
+        return Err(TreesError::TooLarge { bytes, most });
+    }
+    Ok(Arena::new(device, label, stride, capacity)?)
 }
 
 fn address(occluders: &Arc<Occluders>) -> usize {

@@ -21,7 +21,7 @@ const TOLERANCE: f64 = 1e-4;
 const WIDTH: usize = BLOCK as usize;
 
 /// A device, or none with the reason printed; none is a failure where CI says so.
-fn device_or_skip() -> Option<GpuDevice> {
+pub(crate) fn device_or_skip() -> Option<GpuDevice> {
     match GpuDevice::open(&AdapterChoice { allow_software: true, ..AdapterChoice::default() }) {
         Ok(device) => Some(device),
         Err(error) => {

@@ -20,10 +20,11 @@
 //!
 //! Start at [`adapter`], then [`GpuBackend`]; `matrix` holds the passes, `recorder` how one is run. [`rows`] advances light
 //! over sparse rows, by any method but the matrix; [`alias`] builds tables by themselves, to measure. [`rays`] follows
-//! rays through the CPU's trees, [`direct`] lights patches through those of resident chunks. [`copy_bench`] is what kernels are measured against.
+//! rays through the CPU's trees, [`direct`] lights patches through those of resident chunks, [`receivers`] gathers light in the air and of detail. [`copy_bench`] is what kernels are measured against.
 
 pub mod adapter;
 pub mod alias;
+mod arena;
 mod backend;
 pub mod copy_bench;
 mod device;
@@ -32,11 +33,15 @@ pub mod direct;
 mod kernel_tests;
 mod matrix;
 pub mod memory;
+mod mirror;
 mod pipeline;
 mod pipeline_cache;
 mod plane;
 pub mod rays;
 mod readback;
+#[cfg(test)]
+mod receiver_tests;
+pub mod receivers;
 mod recorder;
 pub mod rows;
 mod timing;

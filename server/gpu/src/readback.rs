@@ -4,7 +4,7 @@ use crate::device::GpuDevice;
 use earthshine_radiosity::BackendError;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use wgpu::{Buffer, BufferUsages, CommandEncoder, MapMode, SubmissionIndex};
+use wgpu::{Buffer, BufferUsages, CommandEncoder, MapMode, PollType, SubmissionIndex};
 
 /// A buffer that the host can read, and whether it may yet.
 #[derive(Debug)]
@@ -103,6 +103,14 @@ impl Readback {
         self.staging[self.next].map();
         self.pending = Some((self.next, submission));
         self.next = 1 - self.next;
+    }
+
+    /// Whether the newest copy is here, so that nobody waits for it. Looks without waiting.
+    pub(crate) fn is_here(&self, device: &GpuDevice) -> bool {
+        let Some((at, _)) = &self.pending else { return false };
+        // What a device has to say of its end is said by whoever fetches.
+        let _ = device.wgpu().poll(PollType::Poll);
+        self.staging[*at].is_mapped.load(Ordering::Acquire)
     }
 
     /// Hands the newest copy to `read` if it was not fetched yet; waits for it if it is still on its way.

@@ -20,6 +20,7 @@
 //! | know a form factor in closed form, or join two estimates | [`form_factor`] |
 //! | light without a matrix, or more patches than one holds | [`solver::SolverBackend`] |
 //! | draw from rows: alias and CDF tables | [`tables`] |
+//! | gather light of receivers on a device | [`receivers::ReceiverLight`] |
 //! | check rows | [`invariant`] |
 //! | have a closed room to test with | [`closed_box::ClosedBox`] |
 //! | measure | [`bench::measure_matrix`] |
@@ -38,6 +39,7 @@ pub mod invariant;
 mod kernel;
 pub mod local_matrix;
 pub mod multibounce;
+pub mod receivers;
 mod resident_rows;
 mod simd;
 pub mod slot_check;

@@ -18,3 +18,5 @@ const RAY_LANES: u32 = 64u;
 const TREE_STACK: u32 = 40u;
 // Of a ray that meets no triangle.
 const NO_TRIANGLE: u32 = 0xFFFFFFFFu;
+// Of a column that no source stands for.
+const NO_SOURCE: u32 = 0xFFFFFFFFu;

@@ -15,7 +15,7 @@ use std::sync::Arc;
 const OFFSET: IVec3 = IVec3::new(0, 1, 0);
 
 /// One with a detail voxel, of two along an edge, in each patch; nothing in the air.
-fn world(seed: u64) -> RandomWorld {
+pub(super) fn world(seed: u64) -> RandomWorld {
     let shape = WorldShape { chunks: [4, 2, 3], patches_per_chunk_max: 12, ..WorldShape::default() };
     let mut world = RandomWorld::new(seed, shape);
     world.index.detail = 2;

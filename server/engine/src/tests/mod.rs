@@ -10,6 +10,7 @@ mod harness;
 mod light;
 mod light_off;
 mod pyramid;
+mod receivers;
 mod residency;
 mod simulator;
 mod solvers;

@@ -1,0 +1,104 @@
+//! Receivers of one session that somebody else gathers: what is asked, what is under way, and when the CPU does it.
+//!
+//! One gather is under way at a time and nobody waits for it: its sums are taken by a later tick, as of the light that they
+//! were asked for. Who cannot gather leaves it to the CPU for a while.
+
+use crate::air::{AirKey, AirVoxel};
+use crate::far::FarSenders;
+use crate::local_set::LocalSet;
+use crate::receiver_columns::ReceiverColumns;
+use earthshine_radiosity::receivers::{Gathering, ReceiverLight, ReceiverRow, ReceiverSums};
+use earthshine_world::{Chunk, ChunkId, LightRig};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// After a refusal the CPU gathers so many times before it is asked again.
+const LEFT_TO_CPU: u32 = 64;
+
+/// Voxels whose receivers are being gathered.
+#[derive(Debug)]
+pub(crate) struct UnderWay {
+    /// Of the patches' light that they are gathered from.
+    pub(crate) generation: u64,
+    /// In the order asked, with the chunk that they were of.
+    pub(crate) voxels: Vec<(AirKey, Arc<Chunk>)>,
+}
+
+/// Whoever gathers beside the CPU, if there is one.
+#[derive(Debug, Default)]
+pub(crate) struct AirDevice {
+    gatherer: Option<Box<dyn ReceiverLight>>,
+    under_way: Option<UnderWay>,
+    left_to_cpu: u32,
+}
+
+impl AirDevice {
+    /// Has `gatherer` gather from now on, as far as that can.
+    pub(crate) fn new(gatherer: Box<dyn ReceiverLight>) -> Self {
+        Self { gatherer: Some(gatherer), ..Self::default() }
+    }
+
+    /// Nobody wants what is under way any more.
+    pub(crate) fn forget(&mut self) {
+        self.under_way = None;
+    }
+
+    /// What has come, if it has.
+    pub(crate) fn take(&mut self) -> Option<(UnderWay, Vec<ReceiverSums>)> {
+        let gathering = self.gatherer.as_mut().filter(|_| self.under_way.is_some())?.take();
+        match gathering {
+            Gathering::UnderWay => None,
+            Gathering::Idle => {
+                self.under_way = None;
+                None
+            }
+            Gathering::Done(sums) => Some((self.under_way.take()?, sums)),
+        }
+    }
+
+    /// Asks for the light of the voxels of `turn`, as many as one gather holds, with rows of all `voxels` at hand. Returns the
+    /// rows asked for, none while others are under way; nothing where the CPU has to gather.
+    pub(crate) fn hand_over(
+        &mut self,
+        voxels: &BTreeMap<AirKey, AirVoxel>,
+        turn: &[AirKey],
+        generation: u64,
+        local: &LocalSet,
+        far: &mut FarSenders<'_>,
+        rig: &LightRig,
+    ) -> Option<u32> {
+        let gatherer = self.gatherer.as_mut()?;
+        if self.under_way.is_some() {
+            return Some(0);
+        }
+        if self.left_to_cpu > 0 {
+            self.left_to_cpu -= 1;
+            return None;
+        }
+        let rows_max = gatherer.rows_max();
+        if rows_max == 0 {
+            return None;
+        }
+        let mut columns = ReceiverColumns::new(local);
+        let mut numbers: BTreeMap<ChunkId, u32> = BTreeMap::new();
+        for (&(chunk, _), voxel) in voxels {
+            numbers.entry(chunk).or_insert_with(|| columns.add(&voxel.chunk, &voxel.lineage, far));
+        }
+        let (mut rows, mut asked) = (Vec::new(), Vec::new());
+        for key in turn {
+            let voxel = &voxels[key];
+            if rows.len() + voxel.rows.len() > rows_max {
+                break;
+            }
+            let chunk = numbers[&key.0];
+            rows.extend(voxel.rows.clone().map(|row| ReceiverRow { chunk, row: row as u32 }));
+            asked.push((*key, Arc::clone(&voxel.chunk)));
+        }
+        if rows.is_empty() || !gatherer.begin(&columns.gather(&rig.sky, &rows)) {
+            self.left_to_cpu = LEFT_TO_CPU;
+            return None;
+        }
+        self.under_way = Some(UnderWay { generation, voxels: asked });
+        Some(rows.len() as u32)
+    }
+}

@@ -1,0 +1,249 @@
+//! Receivers on a device against their twin on the CPU, on whatever adapter there is.
+
+use crate::AdapterChoice;
+use crate::device::GpuDevice;
+use crate::kernel_tests::device_or_skip;
+use crate::receivers::{GpuReceivers, ReceiversError};
+use earthshine_radiosity::receivers::{
+    ColumnSpan, Gathering, NO_SOURCE, ReceiverGather, ReceiverLight, ReceiverRow, ReceiverSums,
+    gather_receivers,
+};
+use earthshine_world::random::{Purpose, hash, unit_f32};
+use earthshine_world::{
+    Chunk, ChunkCoord, ChunkId, ChunkRows, Column, Direction, OccluderMesh, ReceiverPlace, Receivers, Rgb,
+    Sky, Vec4, VoxelCoord,
+};
+use std::sync::Arc;
+
+/// Patches of each of a chunk's two segments.
+const PATCHES: u32 = 300;
+const SLOTS: u32 = 128;
+const PARENTS: u32 = 40;
+const SKY: Sky = Sky { lobes: [Rgb::ONE, Rgb::X, Rgb::Y, Rgb::Z, Rgb::splat(7.0), Rgb::splat(0.5)] };
+
+fn random(purpose: u64, at: usize) -> f32 {
+    unit_f32(hash(9, Purpose::Simulation, at as u64, purpose))
+}
+
+/// A chunk with a row of each of `lengths` columns; what of a row is no column is the sky's and absorbed.
+fn chunk(number: i32, lengths: &[usize]) -> Arc<Chunk> {
+    let mut rows = ChunkRows {
+        segments: [0, 1].map(|x| ChunkId::new(0, ChunkCoord::new(x, number, 0))).to_vec(),
+        row_starts: vec![0],
+        ..ChunkRows::default()
+    };
+    for (row, &length) in lengths.iter().enumerate() {
+        for item in 0..length {
+            let at = rows.columns.len();
+            let local = hash(number as u64, Purpose::Simulation, at as u64, 1) % u64::from(PATCHES + 5);
+            rows.columns.push(Column { segment: (item % 2) as u16, local: local as u16 });
+            rows.shares.push(random(2, at) / length as f32);
+        }
+        rows.row_starts.push(rows.columns.len() as u32);
+        rows.sky_shares.push(std::array::from_fn(|lobe| 0.1 * random(3, row * 6 + lobe)));
+        rows.absorbed_shares.push(0.1);
+    }
+    let place = |row| ReceiverPlace::in_air(VoxelCoord::new(row, number, 0), Direction::PosY);
+    let places = (0..lengths.len() as i32).map(place).collect();
+    Arc::new(Chunk {
+        id: ChunkId::new(0, ChunkCoord::new(0, number, 0)),
+        patches: Vec::new(),
+        points: Vec::new(),
+        rows: ChunkRows::default(),
+        receivers: Receivers { places, rows },
+        occluders: OccluderMesh::default(),
+    })
+}
+
+/// Who stands for the columns of a question.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Residency {
+    All,
+    None,
+    Gap,
+    /// A third each, another one for another number.
+    Mixed(usize),
+}
+
+impl Residency {
+    fn source(self, patch: usize) -> u32 {
+        let (slot, parent) = (patch as u32 % SLOTS, SLOTS + patch as u32 % PARENTS);
+        match self {
+            Self::All => slot,
+            Self::None => parent,
+            Self::Gap => NO_SOURCE,
+            Self::Mixed(round) => [slot, parent, NO_SOURCE][(patch / 3 + round * patch) % 3],
+        }
+    }
+}
+
+/// A question about rows of some chunks, and what it borrows.
+struct Question {
+    chunks: Vec<Arc<Chunk>>,
+    first_spans: Vec<u32>,
+    spans: Vec<ColumnSpan>,
+    columns: Vec<u32>,
+    sources: Vec<Vec4>,
+    rows: Vec<ReceiverRow>,
+}
+
+impl Question {
+    /// About all rows of all `chunks`, the last first.
+    fn new(chunks: &[Arc<Chunk>], residency: Residency) -> Self {
+        let (mut first_spans, mut spans, mut rows) = (Vec::new(), Vec::new(), Vec::new());
+        for (chunk, of) in (0u32..).zip(chunks) {
+            first_spans.push(spans.len() as u32);
+            for _ in &of.receivers.rows.segments {
+                spans.push(ColumnSpan { first: spans.len() as u32 * PATCHES, count: PATCHES });
+            }
+            rows.extend((0..of.receivers.rows.row_count() as u32).map(|row| ReceiverRow { chunk, row }));
+        }
+        rows.reverse();
+        let columns = (0..spans.len() * PATCHES as usize).map(|patch| residency.source(patch)).collect();
+        let light = |at: usize| Vec4::new(random(5, at), 100.0 * random(6, at), random(7, at), 1.0);
+        let unknown = |at: usize| at as u32 >= SLOTS && at.is_multiple_of(5);
+        let sources = (0..(SLOTS + PARENTS) as usize)
+            .map(|at| if unknown(at) { Vec4::ZERO } else { light(at) })
+            .collect();
+        Self { chunks: chunks.to_vec(), first_spans, spans, columns, sources, rows }
+    }
+
+    fn asked<R>(&self, ask: impl FnOnce(&ReceiverGather<'_>) -> R) -> R {
+        let chunks: Vec<&Arc<Chunk>> = self.chunks.iter().collect();
+        ask(&ReceiverGather {
+            chunks: &chunks,
+            first_spans: &self.first_spans,
+            spans: &self.spans,
+            columns: &self.columns,
+            sources: &self.sources,
+            slot_count: SLOTS,
+            sky: &SKY,
+            rows: &self.rows,
+        })
+    }
+}
+
+fn fetched(gpu: &mut GpuReceivers) -> Vec<ReceiverSums> {
+    loop {
+        match gpu.fetch().expect("a device that works") {
+            Gathering::UnderWay => std::thread::yield_now(),
+            Gathering::Done(sums) => return sums,
+            Gathering::Idle => panic!("a gather was handed over"),
+        }
+    }
+}
+
+/// Asks, and holds the answer against the CPU's: light within 1e-5 of the brightest, shares within 1e-6.
+fn check(gpu: &mut GpuReceivers, question: &Question) -> Vec<ReceiverSums> {
+    question.asked(|gather| gpu.gather(gather)).expect("room, and a device that works");
+    let (found, expected) = (fetched(gpu), question.asked(gather_receivers));
+    assert_eq!(found.len(), expected.len());
+    let light = |of: &ReceiverSums| [of.irradiance, of.far_irradiance, of.sky_irradiance];
+    let shares = |of: &ReceiverSums| [of.resident_share, of.far_share, of.fed_share];
+    let brightest = expected.iter().flat_map(|sums| light(sums)).map(Rgb::max_element).fold(0.0, f32::max);
+    for (at, (found, expected)) in found.iter().zip(&expected).enumerate() {
+        for (found, expected) in light(found).into_iter().zip(light(expected)) {
+            let gap = (found - expected).abs().max_element();
+            assert!(gap <= 1e-5 * brightest, "receiver {at}: {found} for {expected}");
+        }
+        for (found, expected) in shares(found).into_iter().zip(shares(expected)) {
+            assert!((found - expected).abs() <= 1e-6, "receiver {at}: {found} for {expected}");
+        }
+    }
+    found
+}
+
+/// Goal: any number of receivers, with rows of any length, whoever is resident. Method: rows of lengths around a workgroup's
+/// lanes; all columns resident, all fed by parents, all gaps, mixed; the same again has the same bits.
+#[test]
+fn receivers_of_a_device_have_the_light_of_the_cpu() {
+    let Some(device) = device_or_skip() else { return };
+    let lengths = [0, 1, 63, 64, 65, 200, 0, 2];
+    for count in [0, 1, 63, 64, 65, 1000] {
+        let lengths: Vec<usize> = (0..count).map(|row| lengths[row % lengths.len()]).collect();
+        let mut gpu = GpuReceivers::new(&device).expect("a small buffer");
+        for residency in [Residency::All, Residency::None, Residency::Gap, Residency::Mixed(1)] {
+            let question = Question::new(&[chunk(0, &lengths)], residency);
+            let sums = check(&mut gpu, &question);
+            assert_eq!(check(&mut gpu, &question), sums, "the same bits");
+            let has_light = |of: &ReceiverSums| of.irradiance != Rgb::ZERO;
+            assert_eq!(
+                sums.iter().any(has_light),
+                count > 1 && matches!(residency, Residency::All | Residency::Mixed(_))
+            );
+        }
+    }
+}
+
+/// Goal: what changes between questions is told, and nothing else has to be. Method: patches come and go, chunks too, one of
+/// them returns, and fewer rows are asked for; rows have to be put into larger buffers on the way.
+#[test]
+fn tables_and_chunks_follow_what_comes_and_goes() {
+    let Some(device) = device_or_skip() else { return };
+    let mut gpu = GpuReceivers::new(&device).expect("a small buffer");
+    let chunks: Vec<Arc<Chunk>> = (0..4).map(|number| chunk(number, &[200; 120])).collect();
+    for (round, held) in [0..1, 0..2, 1..3, 0..1, 0..4, 2..4].into_iter().enumerate() {
+        let mut question = Question::new(&chunks[held], Residency::Mixed(round));
+        check(&mut gpu, &question);
+        // One patch gets a slot, one loses it, one parent becomes bright.
+        question.columns[7] = 3;
+        question.columns[500] = SLOTS + 1;
+        question.sources[SLOTS as usize + 1] = Vec4::new(50.0, 60.0, 70.0, 1.0);
+        check(&mut gpu, &question);
+        question.rows.truncate(5);
+        check(&mut gpu, &question);
+    }
+}
+
+/// Goal: more than there is room for is refused in words, and what fits again is gathered again.
+#[test]
+fn rows_without_room_are_refused_until_they_fit() {
+    let Some(device) = device_or_skip() else { return };
+    let chunks: Vec<Arc<Chunk>> = (0..3).map(|number| chunk(number, &[100; 10])).collect();
+    let mut gpu = GpuReceivers::with_room(&device, 2 * 8 * 1000).expect("a small buffer");
+    let two = Question::new(&chunks[..2], Residency::Mixed(0));
+    check(&mut gpu, &two);
+    let three = Question::new(&chunks, Residency::Mixed(0));
+    let refused = three.asked(|gather| gpu.gather(gather));
+    assert_eq!(refused, Err(ReceiversError::TooLarge { bytes: 24_000, most: 16_000 }));
+    assert!(!three.asked(|gather| gpu.begin(gather)));
+    assert_eq!(gpu.take(), Gathering::Idle);
+    check(&mut gpu, &two);
+    check(&mut gpu, &Question::new(&chunks[2..], Residency::All));
+}
+
+/// Goal: a table or sources above a binding are refused, not cut.
+#[test]
+fn tables_above_a_binding_are_refused() {
+    let any = AdapterChoice { allow_software: true, ..AdapterChoice::default() };
+    let Ok(device) = GpuDevice::open_within(&any, 4 << 10) else { return };
+    let mut gpu = GpuReceivers::new(&device).expect("a small buffer");
+    let chunks: Vec<Arc<Chunk>> = (0..2).map(|number| chunk(number, &[4; 4])).collect();
+    check(&mut gpu, &Question::new(&chunks[..1], Residency::All));
+    let question = Question::new(&chunks, Residency::All);
+    let refused = question.asked(|gather| gpu.gather(gather));
+    assert!(matches!(refused, Err(ReceiversError::OutOfMemory { bytes: 4800 })), "{refused:?}");
+}
+
+/// Goal: sums are given once, a new gather takes the place of the last, and a lost device is nobody's answer.
+#[test]
+fn a_gather_is_answered_once_and_a_lost_device_never() {
+    let Some(device) = device_or_skip() else { return };
+    let mut gpu = GpuReceivers::new(&device).expect("a small buffer");
+    assert_eq!(gpu.take(), Gathering::Idle);
+    let [few, many] = [3, 90].map(|rows| Question::new(&[chunk(0, &vec![64; rows])], Residency::All));
+    assert!(few.asked(|gather| gpu.begin(gather)) && many.asked(|gather| gpu.begin(gather)));
+    assert_eq!(fetched(&mut gpu).len(), 90);
+    assert_eq!(gpu.take(), Gathering::Idle);
+    assert!(few.asked(|gather| gpu.begin(gather)));
+    device.destroy();
+    assert_eq!(gpu.take(), Gathering::Idle);
+    assert!(!few.asked(|gather| gpu.begin(gather)) && gpu.is_lost());
+    assert_eq!(gpu.rows_max(), 0);
+    assert!(matches!(GpuReceivers::new(&device), Err(ReceiversError::Device(_))));
+}
+
+#[test]
+fn kernels_and_questions_mean_the_same_by_no_source() {
+    assert_eq!(earthshine_shaders::limits::NO_SOURCE, NO_SOURCE);
+}

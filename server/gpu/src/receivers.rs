@@ -1,0 +1,376 @@
+//! Light of receivers on a device: rows of chunks stay there, what their columns stand for is kept up to date, and one
+//! dispatch gathers all that is asked for. Its sums are fetched when they have come.
+//!
+//! Rows go to the device when their chunk is first named and stay as long as it is; room is handed out from the front of two
+//! lists, and what still counts is put into new ones when they are full. Of the table of columns only what changed is uploaded. What leaves
+//! slots is uploaded with each gather, 16 bytes a slot: it is that of the light the engine publishes, whoever solved it.
+
+use crate::arena::Arena;
+use crate::device::GpuDevice;
+use crate::mirror::Mirror;
+use crate::rays::STORAGE;
+use crate::readback::Readback;
+use crate::recorder::{Recorder, folded, uniform_buffer};
+use crate::timing::{PassTime, Sampling, Timing};
+use earthshine_radiosity::BackendError;
+use earthshine_radiosity::receivers::{Gathering, ReceiverGather, ReceiverLight, ReceiverRow, ReceiverSums};
+use earthshine_shaders::host::{
+    Pass, ReceiverAsked, ReceiverColumn, ReceiverLight as GatheredLight, ReceiverSpan, SegmentSpan,
+};
+use earthshine_shaders::kernel::GATHER_RECEIVERS;
+use earthshine_world::{Chunk, Column, Receivers, Rgb, Vec4};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use wgpu::Buffer;
+
+/// Most receivers of one gather: 3 MiB of sums.
+pub const ROWS_MAX: usize = 1 << 16;
+/// Most memory for the columns of rows, bytes.
+pub const COLUMN_BYTES_MAX: u64 = 256 << 20;
+/// Columns that there is room for at first.
+const COLUMNS_MIN: u64 = 1 << 16;
+/// Rows that there is room for at first.
+const ROWS_MIN: u64 = 1 << 10;
+/// Rows that a workgroup gathers.
+const ROWS_A_GROUP: u32 = 4;
+/// Looks at a gather after which it is waited for.
+const LOOKS_MAX: u32 = 4;
+
+/// Why receivers cannot be gathered on a device.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ReceiversError {
+    /// More rows than there is to be room for.
+    #[error("rows of receivers take {bytes} bytes, there is room for {most}; lower `receiver_voxels_max`")]
+    TooLarge {
+        /// Of the columns of all chunks named, or of the table of sources.
+        bytes: u64,
+        /// Of the device, or of this program.
+        most: u64,
+    },
+    /// The device is full.
+    #[error("the device has no memory for {bytes} bytes of receivers; lower `receiver_voxels_max`")]
+    OutOfMemory {
+        /// Asked for.
+        bytes: u64,
+    },
+    /// The device is gone.
+    #[error(transparent)]
+    Device(BackendError),
+}
+
+impl From<BackendError> for ReceiversError {
+    fn from(error: BackendError) -> Self {
+        match error {
+            BackendError::OutOfMemory { bytes, .. } => Self::OutOfMemory { bytes },
+            other => Self::Device(other),
+        }
+    }
+}
+
+/// Rows of a chunk on the device; it is held so that its address stays its own.
+#[derive(Debug)]
+struct Resident {
+    _held: Arc<Chunk>,
+    first_row: u32,
+}
+
+/// A gather that was handed over.
+#[derive(Debug, Clone, Copy)]
+struct UnderWay {
+    rows: usize,
+    looks: u32,
+}
+
+/// Where the sums of a gather go.
+#[derive(Debug)]
+struct Room {
+    gathered: Buffer,
+    readback: Readback,
+}
+
+/// Receivers of one session on a device.
+#[derive(Debug)]
+pub struct GpuReceivers {
+    device: GpuDevice,
+    column_bytes_max: u64,
+    /// By address.
+    residents: BTreeMap<usize, Resident>,
+    rows: Arena,
+    columns: Arena,
+    asked: Mirror<ReceiverAsked>,
+    spans: Mirror<SegmentSpan>,
+    source_of: Mirror<u32>,
+    sources: Mirror<[f32; 4]>,
+    sky: Mirror<[f32; 4]>,
+    room: Room,
+    uniforms: Buffer,
+    under_way: Option<UnderWay>,
+    timing: Option<Timing>,
+    sampling: Sampling,
+    /// Whether a failure was said: once is enough.
+    is_said: bool,
+}
+
+impl GpuReceivers {
+    /// No rows yet.
+    ///
+    /// # Errors
+    /// [`ReceiversError`].
+    pub fn new(device: &GpuDevice) -> Result<Self, ReceiversError> {
+        Self::with_room(device, COLUMN_BYTES_MAX)
+    }
+
+    /// As [`Self::new`], with no more than `column_bytes_max` bytes for the columns of rows.
+    ///
+    /// # Errors
+    /// [`ReceiversError`].
+    pub fn with_room(device: &GpuDevice, column_bytes_max: u64) -> Result<Self, ReceiversError> {
+        Ok(Self {
+            column_bytes_max: column_bytes_max.min(device.binding_bytes_max()),
+            residents: BTreeMap::new(),
+            rows: Arena::new(device, "receivers", size_of::<ReceiverSpan>(), ROWS_MIN)?,
+            columns: Arena::new(device, "receiver columns", size_of::<ReceiverColumn>(), 0)?,
+            asked: Mirror::new(device, "asked receivers")?,
+            spans: Mirror::new(device, "segments")?,
+            source_of: Mirror::new(device, "column sources")?,
+            sources: Mirror::new(device, "sources")?,
+            sky: Mirror::new(device, "sky")?,
+            room: Room::new(device, 0)?,
+            uniforms: uniform_buffer(device)?,
+            under_way: None,
+            timing: None,
+            sampling: Sampling::default(),
+            is_said: false,
+            device: device.clone(),
+        })
+    }
+
+    /// Whether the device is gone.
+    #[must_use]
+    pub fn is_lost(&self) -> bool {
+        self.device.is_lost()
+    }
+
+    /// Times every pass from now on; false where the device cannot.
+    ///
+    /// # Errors
+    /// [`BackendError::OutOfMemory`], [`BackendError::DeviceLost`].
+    pub fn time_passes(&mut self) -> Result<bool, BackendError> {
+        self.timing = Timing::new(&self.device)?;
+        Ok(self.timing.is_some())
+    }
+
+    /// The passes since the last call. Waits for the device.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`].
+    pub fn take_times(&mut self) -> Result<Vec<PassTime>, BackendError> {
+        self.timing.as_mut().map_or(Ok(Vec::new()), |timing| timing.take(&self.device))
+    }
+
+    /// Hands a gather over; see [`ReceiverLight::begin`].
+    ///
+    /// # Errors
+    /// [`ReceiversError`]; nothing is under way then.
+    pub fn gather(&mut self, gather: &ReceiverGather<'_>) -> Result<(), ReceiversError> {
+        self.under_way = None;
+        self.device.check()?;
+        self.sampling.begin(&self.device, &mut self.timing)?;
+        self.bring_rows(gather)?;
+        self.bring_lists(gather)?;
+        let rows = gather.rows.len();
+        if rows > 0 {
+            self.dispatch(rows as u32, gather.slot_count)?;
+        }
+        self.under_way = Some(UnderWay { rows, looks: 0 });
+        Ok(())
+    }
+
+    fn dispatch(&mut self, rows: u32, slot_count: u32) -> Result<(), ReceiversError> {
+        let bytes = size_of::<GatheredLight>() as u64 * u64::from(rows);
+        if bytes > self.room.gathered.size() {
+            self.room = Room::new(&self.device, bytes.next_power_of_two())?;
+        }
+        let pass = Pass { entry_count: rows, rows: slot_count, ..Pass::default() };
+        let mut recorder = Recorder::new(&self.device, &self.uniforms, self.timing.as_mut());
+        let bound = [
+            self.asked.buffer(),
+            self.rows.buffer(),
+            self.columns.buffer(),
+            self.spans.buffer(),
+            self.source_of.buffer(),
+            self.sources.buffer(),
+            self.sky.buffer(),
+            &self.room.gathered,
+        ];
+        recorder.dispatch(&GATHER_RECEIVERS, &bound, pass, folded(rows.div_ceil(ROWS_A_GROUP)));
+        self.room.readback.record(recorder.encoder(), &[&self.room.gathered]);
+        let submission = recorder.submit()?;
+        self.room.readback.submitted(submission);
+        Ok(())
+    }
+
+    /// Puts rows of the chunks on the device that are not there, and forgets those of others.
+    fn bring_rows(&mut self, gather: &ReceiverGather<'_>) -> Result<(), ReceiversError> {
+        let named: BTreeMap<usize, &Arc<Chunk>> =
+            gather.chunks.iter().map(|&chunk| (address(chunk), chunk)).collect();
+        self.residents.retain(|at, _| named.contains_key(at));
+        if !self.place_all(&named) {
+            self.make_room(&named)?;
+            self.place_all(&named);
+        }
+        Ok(())
+    }
+
+    /// Uploads the chunks of `named` that are not there, as long as there is room. Returns whether there was.
+    fn place_all(&mut self, named: &BTreeMap<usize, &Arc<Chunk>>) -> bool {
+        for (&at, &chunk) in named {
+            if self.residents.contains_key(&at) {
+                continue;
+            }
+            let receivers = &chunk.receivers;
+            let (rows, columns) = (receivers.rows.row_count(), receivers.rows.columns.len());
+            if !self.rows.has_room(rows) || !self.columns.has_room(columns) {
+                return false;
+            }
+            let first = self.columns.push(&self.device, &columns_of(receivers));
+            let first_row = self.rows.push(&self.device, &rows_of(receivers, first));
+            self.residents.insert(at, Resident { _held: Arc::clone(chunk), first_row });
+        }
+        true
+    }
+
+    /// Forgets all rows and makes room for twice what `named` have, or for just that where there is to be no more.
+    fn make_room(&mut self, named: &BTreeMap<usize, &Arc<Chunk>>) -> Result<(), ReceiversError> {
+        self.residents.clear();
+        let of = |chunk: &&Arc<Chunk>| {
+            let rows = &chunk.receivers.rows;
+            (rows.row_count() as u64, rows.columns.len() as u64)
+        };
+        let (rows, columns) = named.values().map(of).fold((0, 0), |sum, one| (sum.0 + one.0, sum.1 + one.1));
+        let room = |count: u64, stride: usize, most: u64, least: u64| {
+            let (stride, most) = (stride as u64, most / stride as u64);
+            if count > most {
+                return Err(ReceiversError::TooLarge { bytes: stride * count, most: stride * most });
+            }
+            Ok((2 * count).max(least).min(most))
+        };
+        let strides = (size_of::<ReceiverSpan>(), size_of::<ReceiverColumn>());
+        let rows = room(rows, strides.0, self.device.binding_bytes_max(), ROWS_MIN)?;
+        let columns = room(columns, strides.1, self.column_bytes_max, COLUMNS_MIN)?;
+        self.rows = Arena::new(&self.device, "receivers", strides.0, rows)?;
+        self.columns = Arena::new(&self.device, "receiver columns", strides.1, columns)?;
+        Ok(())
+    }
+
+    /// Tells the device what is asked for, and what columns stand for now.
+    fn bring_lists(&mut self, gather: &ReceiverGather<'_>) -> Result<(), ReceiversError> {
+        let ask = |row: &ReceiverRow| {
+            let chunk = row.chunk as usize;
+            let first_row = self.residents[&address(gather.chunks[chunk])].first_row;
+            ReceiverAsked { row: first_row + row.row, first_span: gather.first_spans[chunk] }
+        };
+        let asked: Vec<ReceiverAsked> = gather.rows.iter().map(ask).collect();
+        let spans: Vec<SegmentSpan> =
+            gather.spans.iter().map(|span| SegmentSpan { first: span.first, count: span.count }).collect();
+        let sources: Vec<[f32; 4]> = gather.sources.iter().map(Vec4::to_array).collect();
+        let sky = gather.sky.lobes.map(|lobe| lobe.extend(0.0).to_array());
+        let device = &self.device;
+        self.asked.bring(device, &asked)?;
+        self.spans.bring(device, &spans)?;
+        self.source_of.bring(device, gather.columns)?;
+        self.sources.bring(device, &sources)?;
+        self.sky.bring(device, &sky)?;
+        Ok(())
+    }
+
+    /// How the last gather stands; see [`ReceiverLight::take`].
+    ///
+    /// # Errors
+    /// [`ReceiversError::Device`]; nothing is under way then.
+    pub fn fetch(&mut self) -> Result<Gathering, ReceiversError> {
+        let Some(UnderWay { rows, looks }) = self.under_way.take() else { return Ok(Gathering::Idle) };
+        if rows == 0 {
+            return Ok(Gathering::Done(Vec::new()));
+        }
+        if looks < LOOKS_MAX && !self.device.is_lost() && !self.room.readback.is_here(&self.device) {
+            self.under_way = Some(UnderWay { rows, looks: looks + 1 });
+            return Ok(Gathering::UnderWay);
+        }
+        let mut sums = Vec::new();
+        self.room.readback.fetch(&self.device, |bytes| {
+            let bytes = &bytes[..rows * size_of::<GatheredLight>()];
+            sums = bytemuck::pod_collect_to_vec::<u8, GatheredLight>(bytes).iter().map(sums_of).collect();
+        })?;
+        self.sampling.end(&self.device, &mut self.timing)?;
+        Ok(Gathering::Done(sums))
+    }
+
+    fn say(&mut self, error: &ReceiversError) {
+        if !std::mem::replace(&mut self.is_said, true) {
+            tracing::warn!(%error, "light of receivers is gathered on the CPU");
+        }
+    }
+}
+
+impl ReceiverLight for GpuReceivers {
+    fn rows_max(&self) -> usize {
+        if self.device.is_lost() { 0 } else { ROWS_MAX }
+    }
+
+    fn begin(&mut self, gather: &ReceiverGather<'_>) -> bool {
+        self.gather(gather).inspect_err(|error| self.say(error)).is_ok()
+    }
+
+    fn take(&mut self) -> Gathering {
+        self.fetch().unwrap_or_else(|error| {
+            self.say(&error);
+            Gathering::Idle
+        })
+    }
+}
+
+impl Room {
+    fn new(device: &GpuDevice, bytes: u64) -> Result<Self, BackendError> {
+        let gathered = device.buffer("gathered", bytes, STORAGE)?;
+        let readback = Readback::new(device, gathered.size())?;
+        Ok(Self { gathered, readback })
+    }
+}
+
+fn address(chunk: &Arc<Chunk>) -> usize {
+    Arc::as_ptr(chunk).addr()
+}
+
+fn columns_of(receivers: &Receivers) -> Vec<ReceiverColumn> {
+    let rows = &receivers.rows;
+    let of = |column: &Column| u32::from(column.segment) | u32::from(column.local) << 16;
+    rows.columns
+        .iter()
+        .zip(&rows.shares)
+        .map(|(column, &share)| ReceiverColumn { patch_of: of(column), share })
+        .collect()
+}
+
+/// Rows whose columns begin at `first`.
+fn rows_of(receivers: &Receivers, first: u32) -> Vec<ReceiverSpan> {
+    let rows = &receivers.rows;
+    let of = |(bounds, sky): (&[u32], &[f32; 6])| ReceiverSpan {
+        first_sky: [sky[0], sky[1], sky[2]],
+        first: first + bounds[0],
+        last_sky: [sky[3], sky[4], sky[5]],
+        count: bounds[1] - bounds[0],
+    };
+    rows.row_starts.windows(2).zip(&rows.sky_shares).map(of).collect()
+}
+
+fn sums_of(light: &GatheredLight) -> ReceiverSums {
+    ReceiverSums {
+        irradiance: Rgb::from_array(light.irradiance),
+        resident_share: light.resident_share,
+        far_irradiance: Rgb::from_array(light.far_irradiance),
+        far_share: light.far_share,
+        sky_irradiance: Rgb::from_array(light.sky_irradiance),
+        fed_share: light.fed_share,
+    }
+}

@@ -1,0 +1,33 @@
+// A receiver's row: where its columns are, and its sky shares by lobe, those of +X -X +Y and of -Y +Z -Z.
+struct ReceiverSpan {
+    first_sky: vec3<f32>,         //  0
+    first: u32,                   // 12  where its columns begin
+    last_sky: vec3<f32>,          // 16
+    count: u32,                   // 28
+}                                 // 32
+
+struct ReceiverColumn {
+    patch_of: u32,                //  0  segment, and the patch in it times 2^16
+    share: f32,                   //  4  0..=1
+}                                 //  8
+
+// A receiver whose light is asked for.
+struct ReceiverAsked {
+    row: u32,                     //  0
+    first_span: u32,              //  4  where the segments of its chunk begin
+}                                 //  8
+
+// Where the patches of a segment are in the list of sources.
+struct SegmentSpan {
+    first: u32,                   //  0
+    count: u32,                   //  4  a patch beyond has no source
+}                                 //  8
+
+struct ReceiverLight {
+    irradiance: vec3<f32>,        //  0  from resident patches
+    resident_share: f32,          // 12
+    far_irradiance: vec3<f32>,    // 16  from coarse parents
+    far_share: f32,               // 28
+    sky_irradiance: vec3<f32>,    // 32
+    fed_share: f32,               // 44  of the far share: what known parents stand for
+}                                 // 48
