@@ -31,7 +31,7 @@ pub struct BakeParameters {
     pub receiver_rays: u32,
     /// Most columns of a receiver's row; the rest of its share goes to a fair choice of them.
     pub receiver_columns: u32,
-    /// Detail voxels along a voxel's edge, each with receivers on its surfaces: 1 (none), 2 or 4.
+    /// Detail voxels along a voxel's edge, each with receivers on its surfaces: 1 (none), 2, 4 or 8.
     #[serde(default = "no_detail")]
     pub detail: u32,
     /// Rays of such a receiver.
@@ -141,8 +141,8 @@ impl BakeParameters {
             Some("parameters.grid.chunk_edge_voxels is not between 1 and 22")
         } else if self.seed > i64::MAX as u64 {
             Some("parameters.seed is above 2^63 - 1, the largest integer in TOML")
-        } else if ![1, 2, 4].contains(&self.detail) {
-            Some("parameters.detail is not 1, 2 or 4")
+        } else if ![1, 2, 4, 8].contains(&self.detail) {
+            Some("parameters.detail is not 1, 2, 4 or 8")
         } else if self.method.fault().is_some() {
             Some("parameters.method is none that a bake can have")
         } else {

@@ -20,7 +20,7 @@ pub struct ChunkSummary {
 pub struct WorldIndex {
     /// Level 0's grid.
     pub grid: Grid,
-    /// Detail voxels along a voxel's edge in which receivers on surfaces stand: 1 where there are none, 2 or 4.
+    /// Detail voxels along a voxel's edge in which receivers on surfaces stand: 1 where there are none, 2, 4 or 8.
     pub detail: u32,
     /// Box around all geometry, m.
     pub bounds: Bounds,

@@ -11,32 +11,33 @@ use glam::IVec3;
 /// A part of a voxel, and where in it the surface lies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct DetailVoxel {
-    /// `x | y << 2 | z << 4`, each counted in detail voxels from the low corner of the voxel.
-    pub index: u8,
+    /// Counted in detail voxels from the low corner of the voxel: bits 0 and 1 of x, y and z in turn, then bit 2 of each.
+    pub index: u16,
     /// Where the surface lies along the axis of the receiver's direction: in 254ths of the detail voxel's edge from its low side.
     pub plane: u8,
 }
 
 impl DetailVoxel {
     /// Most detail voxels along a voxel's edge.
-    pub const PER_EDGE_MAX: u32 = 4;
+    pub const PER_EDGE_MAX: u32 = 8;
     /// Steps between the two sides of a detail voxel.
     pub const PLANE_STEPS: f32 = 254.0;
 
-    /// Which detail voxel `offset` (detail voxels from the low corner of the voxel, each below 4) is, with its surface `plane_offset` detail voxel
+    /// Which detail voxel `offset` (detail voxels from the low corner of the voxel, each below 8) is, with its surface `plane_offset` detail voxel
     /// edges (0..=1) above its low side.
     #[must_use]
     pub fn new(offset: IVec3, plane_offset: f32) -> Self {
-        let IVec3 { x, y, z } = offset & 3;
+        let bits = |along: i32, axis: i32| (along & 3) << (2 * axis) | (along >> 2 & 1) << (6 + axis);
         let plane = (plane_offset.clamp(0.0, 1.0) * Self::PLANE_STEPS).round();
-        Self { index: (x | y << 2 | z << 4) as u8, plane: plane as u8 }
+        Self { index: (bits(offset.x, 0) | bits(offset.y, 1) | bits(offset.z, 2)) as u16, plane: plane as u8 }
     }
 
     /// The detail voxel in a grid of detail voxels, `detail` along an edge of `voxel`.
     #[must_use]
     pub fn coord(self, voxel: VoxelCoord, detail: u32) -> VoxelCoord {
         let index = i32::from(self.index);
-        voxel * detail.cast_signed() + IVec3::new(index & 3, index >> 2 & 3, index >> 4 & 3)
+        let along = |axis: i32| index >> (2 * axis) & 3 | (index >> (6 + axis) & 1) << 2;
+        voxel * detail.cast_signed() + IVec3::new(along(0), along(1), along(2))
     }
 
     /// See [`Self::plane`]; in detail voxel edges, 0..=1.
@@ -66,7 +67,7 @@ impl ReceiverPlace {
 
     /// What places ascend by: voxel (x, y, z), then direction, then detail voxel.
     #[must_use]
-    pub fn order(&self) -> ([i32; 3], Direction, u8) {
+    pub fn order(&self) -> ([i32; 3], Direction, u16) {
         (self.voxel.to_array(), self.direction, self.detail.map_or(0, |detail| detail.index))
     }
 }
@@ -97,7 +98,7 @@ mod tests {
 
     #[test]
     fn detail_voxels_have_coordinates_of_their_own() {
-        for (detail, last) in [(2, 1), (4, 3)] {
+        for (detail, last) in [(2, 1), (4, 3), (8, 7), (8, 5)] {
             let part = DetailVoxel::new(IVec3::new(last, 0, 1), 0.5);
             let voxel = VoxelCoord::new(-3, 0, 7);
             let coord = part.coord(voxel, detail);

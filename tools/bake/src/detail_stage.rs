@@ -101,8 +101,9 @@ fn encode(receivers: Vec<BakeReceiver>, set: &PatchSet, grid: &Grid) -> Vec<u8> 
     let mut rows = Vec::with_capacity(receivers.len());
     for BakeReceiver { place, row } in receivers {
         let DetailVoxel { index, plane } = place.detail.expect("detail is of detail voxels");
+        let [low, high] = index.to_le_bytes();
         out.i32s(place.voxel.to_array());
-        out.u32(u32::from_le_bytes([place.direction as u8, index, plane, 0]));
+        out.u32(u32::from_le_bytes([place.direction as u8, low, plane, high]));
         rows.push(row);
     }
     for run in rows.chunks(RUN_ROWS) {
@@ -118,8 +119,9 @@ fn decode(payload: &[u8], set: &PatchSet, grid: &Grid) -> Option<Vec<BakeReceive
     let count = reader.count(PLACE_BYTES)?;
     let place = |reader: &mut Reader<'_>| {
         let voxel = VoxelCoord::from_array(reader.i32s()?);
-        let [direction, index, plane, _] = reader.u32()?.to_le_bytes();
+        let [direction, low, plane, high] = reader.u32()?.to_le_bytes();
         let direction = Direction::from_index(direction)?;
+        let index = u16::from_le_bytes([low, high]);
         Some(ReceiverPlace { voxel, direction, detail: Some(DetailVoxel { index, plane }) })
     };
     let places = (0..count).map(|_| place(&mut reader)).collect::<Option<Vec<_>>>()?;

@@ -36,8 +36,8 @@ pub(crate) fn check(parameters: &BakeParameters) -> Result<(), BakeError> {
 }
 
 fn check_receivers(parameters: &BakeParameters) -> Result<(), BakeError> {
-    if ![1, 2, 4].contains(&parameters.detail) {
-        let (name, cause) = ("detail voxels along a voxel's edge", "must be 1, 2 or 4");
+    if ![1, 2, 4, 8].contains(&parameters.detail) {
+        let (name, cause) = ("detail voxels along a voxel's edge", "must be 1, 2, 4 or 8");
         return Err(BakeError::Parameter { name, value: parameters.detail.to_string(), cause });
     }
     let bounded = [

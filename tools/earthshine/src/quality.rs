@@ -45,7 +45,7 @@ pub(crate) struct QualityArguments {
     /// Most columns of a receiver's row.
     #[arg(long, default_value_t = 24)]
     receiver_columns: u32,
-    /// Detail voxels along a voxel's edge in which light on surfaces is served: 1 for that of patches alone, 2 or 4. Patches, and
+    /// Detail voxels along a voxel's edge in which light on surfaces is served: 1 for that of patches alone, 2, 4 or 8. Patches, and
     /// what they exchange, stay those of voxels.
     #[arg(long, default_value_t = 1, value_parser = detail)]
     detail: u32,
@@ -141,7 +141,8 @@ fn detail(text: &str) -> Result<u32, String> {
         "1" => Ok(1),
         "2" => Ok(2),
         "4" => Ok(4),
-        _ => Err("detail voxels along a voxel's edge are 1, 2 or 4".to_owned()),
+        "8" => Ok(8),
+        _ => Err("detail voxels along a voxel's edge are 1, 2, 4 or 8".to_owned()),
     }
 }
 

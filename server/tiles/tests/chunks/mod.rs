@@ -72,7 +72,9 @@ fn random_receivers(id: ChunkId, patches: &[Patch], row_max: usize, dice: &mut D
     let patch_count = patches.len();
     let mut places = Vec::new();
     for patch in patches.iter().step_by(3) {
-        let offset = VoxelCoord::new(dice.below(4) as i32, dice.below(4) as i32, dice.below(4) as i32);
+        let most = DetailVoxel::PER_EDGE_MAX as usize;
+        let mut along = || dice.below(most) as i32;
+        let offset = VoxelCoord::new(along(), along(), along());
         let detail = Some(DetailVoxel::new(offset, dice.unit()));
         places.push(ReceiverPlace { voxel: patch.voxel, direction: patch.direction, detail });
     }

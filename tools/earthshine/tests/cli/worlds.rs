@@ -107,14 +107,14 @@ fn a_manifest_of_another_version() {
 fn a_detail_that_voxels_cannot_be_cut_in() {
     let folder = world();
     let cut = [&bake("cornell", "other")[..], &["--detail", "3"]].concat();
-    run(folder.path(), &cut).fails(USAGE, &["--detail", "1, 2 or 4"]);
+    run(folder.path(), &cut).fails(USAGE, &["--detail", "1, 2, 4 or 8"]);
     assert!(std::fs::read_dir(folder.path().join("other")).is_err(), "nothing is begun");
     let path = folder.path().join("world/world.toml");
     let text = std::fs::read_to_string(&path).expect("a manifest");
     assert!(text.contains("detail = 1\n"), "{text}");
     std::fs::write(&path, text.replace("detail = 1\n", "detail = 3\n")).expect("a scratch folder");
     for command in [&["inspect", "world"][..], &["serve", "world"]] {
-        run(folder.path(), command).fails(WORLD, &["world.toml", "parameters.detail is not 1, 2 or 4"]);
+        run(folder.path(), command).fails(WORLD, &["world.toml", "parameters.detail is not 1, 2, 4 or 8"]);
     }
 }
 
