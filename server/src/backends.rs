@@ -1,8 +1,9 @@
-//! Who computes: backends for the engine, on the CPU or on a device that is opened again when it is lost.
+//! Who computes: backends for the engine, on the CPU or on a device, with the CPU standing in while that is opened again.
 
 use crate::config::{BackendKind, Config};
 use crate::device_light::DeviceLight;
 use crate::device_receivers::DeviceReceivers;
+use crate::device_source::{CurrentDevice, DeviceSource, Found, Open};
 use crate::error::ServerError;
 use crate::pipeline_file::DeviceOpener;
 use earthshine_engine::{BackendFactory, Engine, SolverConfig};
@@ -13,28 +14,12 @@ use earthshine_radiosity::solver::{CpuRowLight, Method, SolverBackend, SolverSet
 use earthshine_radiosity::{Backend, BackendError, CpuBackend, LocalMatrix, Slot};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// The device that backends are built on, if any; shared so that it can be looked at from outside the engine's thread.
-#[derive(Debug, Clone, Default)]
-pub struct CurrentDevice(Arc<Mutex<Option<GpuDevice>>>);
-
-impl CurrentDevice {
-    /// None where the CPU computes.
-    #[must_use]
-    pub fn get(&self) -> Option<GpuDevice> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
-    }
-
-    fn set(&self, device: Option<GpuDevice>) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = device;
-    }
-}
-
 /// Where levels are computed, found once at the start. Clones share the device.
 #[derive(Debug, Clone)]
 pub(crate) struct Backends {
     current: CurrentDevice,
     /// None: the CPU.
-    opener: Option<DeviceOpener>,
+    source: Option<DeviceSource>,
     strict: bool,
 }
 
@@ -44,19 +29,23 @@ impl Backends {
     /// # Errors
     /// [`ServerError::Gpu`], [`ServerError::GpuSlots`].
     pub(crate) fn open(config: &Config) -> Result<Self, ServerError> {
+        let choice = AdapterChoice { name: config.gpu_adapter.clone(), allow_software: false };
+        Self::open_by(config, DeviceOpener::new(choice, &config.gpu_pipeline_cache).into())
+    }
+
+    /// As [`Self::open`], by `open`.
+    fn open_by(config: &Config, open: Arc<Open>) -> Result<Self, ServerError> {
         let mut backends =
-            Self { current: CurrentDevice::default(), opener: None, strict: config.gpu_strict };
+            Self { current: CurrentDevice::default(), source: None, strict: config.gpu_strict };
         if config.backend == BackendKind::Cpu {
             return Ok(backends);
         }
-        let choice = AdapterChoice { name: config.gpu_adapter.clone(), allow_software: false };
-        let opener = DeviceOpener::new(choice, &config.gpu_pipeline_cache);
-        match opener.open() {
+        match open() {
             Ok(device) => {
                 fits(config, &device)?;
                 tracing::info!(adapter = device.name(), "computing on a device");
                 backends.current.set(Some(device));
-                backends.opener = Some(opener);
+                backends.source = Some(DeviceSource::new(backends.current.clone(), open));
             }
             Err(error) if config.backend == BackendKind::Auto => {
                 tracing::warn!(%error, "computing on the CPU");
@@ -73,7 +62,7 @@ impl Backends {
 
     /// `engine` with direct light and light of receivers on the device, if there is one.
     pub(crate) fn lighting(&self, engine: Engine) -> Engine {
-        if self.opener.is_none() {
+        if self.source.is_none() {
             return engine;
         }
         let current = self.device();
@@ -83,20 +72,38 @@ impl Backends {
 
     /// Local matrices with as many slots as asked for, or fewer if there is no memory for them.
     fn matrices(&self) -> BackendFactory {
-        let Some(opener) = self.opener.clone() else { return Box::new(on_cpu) };
-        let (current, strict) = (self.current.clone(), self.strict);
-        Box::new(move |wanted| match reopened(&current, &opener) {
-            Some(device) => on_device(&device, wanted, strict),
-            None => on_cpu(wanted),
+        let Some(source) = self.source.clone() else { return Box::new(on_cpu) };
+        let strict = self.strict;
+        Box::new(move |wanted| match source.find() {
+            Found::Device(device) => on_device(&device, wanted, strict),
+            Found::Wait => Err(awaited()),
+            Found::Nothing => on_cpu(wanted),
         })
     }
 
     /// Light over rows, for every method but the matrix.
     fn light(&self) -> RowLightFactory {
-        match self.opener.as_ref().and_then(|opener| reopened(&self.current, opener)) {
-            Some(device) => GpuRowLight::factory(&device),
-            None => CpuRowLight::factory(),
-        }
+        let Some(source) = self.source.clone() else { return CpuRowLight::factory() };
+        let current = self.current.clone();
+        let mut on_cpu = CpuRowLight::factory();
+        Box::new(move |residents, settings, light| {
+            if !GpuRowLight::is_possible(settings) {
+                if current.note_left_to_cpu() {
+                    tracing::warn!(
+                        method = %settings.method,
+                        rows = ?settings.rows,
+                        adaptive = settings.adaptive,
+                        "no kernels draw so: this light is computed on the CPU"
+                    );
+                }
+                return on_cpu(residents, settings, light);
+            }
+            match source.find() {
+                Found::Device(device) => Ok(Box::new(GpuRowLight::new(&device, residents, settings, light)?)),
+                Found::Wait => Err(awaited()),
+                Found::Nothing => on_cpu(residents, settings, light),
+            }
+        })
     }
 
     /// Backends that solve as `config` says, with matrices where they need one.
@@ -133,22 +140,9 @@ fn fits(config: &Config, device: &GpuDevice) -> Result<(), ServerError> {
     Ok(())
 }
 
-/// The device, opened again if it was lost; none where that fails, once more tried with the next backend.
-fn reopened(current: &CurrentDevice, opener: &DeviceOpener) -> Option<GpuDevice> {
-    if let Some(device) = current.get().filter(|device| !device.is_lost()) {
-        return Some(device);
-    }
-    match opener.open() {
-        Ok(device) => {
-            tracing::warn!(adapter = device.name(), "a lost device was opened again");
-            current.set(Some(device.clone()));
-            Some(device)
-        }
-        Err(error) => {
-            tracing::error!(%error, "a lost device could not be opened again; computing on the CPU");
-            None
-        }
-    }
+/// What a backend is told that has to wait for a device.
+fn awaited() -> BackendError {
+    BackendError::DeviceLost { cause: "another is being opened".to_owned() }
 }
 
 fn on_device(device: &GpuDevice, wanted: u32, strict: bool) -> Result<Box<dyn Backend>, BackendError> {
@@ -188,93 +182,4 @@ fn halving(
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn config(backend: BackendKind, gpu_adapter: &str) -> Config {
-        Config { backend, gpu_adapter: gpu_adapter.to_owned(), ..Config::default() }
-    }
-
-    /// Goal: no adapter is a refusal with a cure if one was asked for, and the CPU if not. Method: an adapter that
-    /// nobody has.
-    #[test]
-    fn without_an_adapter_gpu_is_refused_and_auto_computes_on_the_cpu() {
-        let name = "an adapter that nobody has";
-        let Err(error) = Backends::open(&config(BackendKind::Gpu, name)) else { panic!("there is none") };
-        assert!(matches!(error, ServerError::Gpu(_)) && error.exit_code() == 5, "{error}");
-        for kind in [BackendKind::Auto, BackendKind::Cpu] {
-            let backends = Backends::open(&config(kind, name)).expect("the CPU is there");
-            assert_eq!(backends.matrices()(8).expect("a small matrix").capacity(), 8);
-            assert!(backends.device().get().is_none());
-        }
-    }
-
-    /// Goal: a device whose limits are below the configured size gives as many slots as it may, and says so, or is refused
-    /// where fewer are not wanted. Method: any adapter, bound to small buffers.
-    #[test]
-    fn limits_below_the_size_are_fewer_slots_or_a_refusal() {
-        let any = AdapterChoice { allow_software: true, ..AdapterChoice::default() };
-        let Ok(device) = GpuDevice::open_within(&any, 1 << 16) else {
-            assert!(std::env::var_os("EARTHSHINE_TEST_GPU_REQUIRED").is_none(), "there has to be an adapter");
-            return;
-        };
-        let most = memory::slots_max(device.binding_bytes_max());
-        assert!((1..4096).contains(&most), "{most}");
-        assert_eq!(on_device(&device, 4096, false).expect("fewer").capacity(), most);
-        assert!(matches!(on_device(&device, 4096, true), Err(BackendError::OutOfMemory { slots: 4096, .. })));
-        let mut config = config(BackendKind::Gpu, "");
-        config.engine.resident_patches_max = 4096;
-        fits(&config, &device).expect("fewer are said");
-        config.gpu_strict = true;
-        let Err(error) = fits(&config, &device) else { panic!("strictly, 4096 do not fit") };
-        assert!(
-            matches!(&error, ServerError::GpuSlots { wanted: 4096, most: found, .. } if *found == most),
-            "{error}"
-        );
-        config.engine.resident_patches_max = most;
-        fits(&config, &device).expect("as many as there are");
-    }
-
-    /// Goal: a device solves whatever is asked for, and is opened again for light over rows once it is lost. Method: a
-    /// hybrid, before and after.
-    #[test]
-    fn light_over_rows_is_made_on_the_device_that_is_there() {
-        let any = AdapterChoice { allow_software: true, ..AdapterChoice::default() };
-        let Ok(device) = GpuDevice::open(&any) else { return };
-        let current = CurrentDevice::default();
-        current.set(Some(device.clone()));
-        let backends = Backends {
-            current,
-            opener: Some(DeviceOpener::new(any, std::path::Path::new(""))),
-            strict: false,
-        };
-        let hybrid = SolverConfig { by_level: vec![Method::Hybrid], ..SolverConfig::default() };
-        let step = || {
-            let mut backend = (backends.solving(&hybrid))(16).expect("a small backend");
-            backend.set_solver(&hybrid.settings(0, 16, 1)).expect("sound settings");
-            backend.step().map(drop)
-        };
-        assert_eq!(step(), Ok(()));
-        device.destroy();
-        assert_eq!(step(), Ok(()), "on a device that was opened again");
-        assert!(backends.device().get().is_some_and(|device| !device.is_lost()));
-    }
-
-    /// Goal: a device without room gives fewer slots, or an error if fewer are not wanted; other errors are not retried.
-    #[test]
-    fn want_of_memory_halves_unless_strict() {
-        let small = |capacity| {
-            if capacity > 10 {
-                Err(BackendError::OutOfMemory { slots: capacity, bytes: 1 })
-            } else {
-                on_cpu(capacity)
-            }
-        };
-        assert_eq!(halving(64, 64, false, small).expect("8 fit").capacity(), 8);
-        assert!(matches!(halving(64, 64, true, small), Err(BackendError::OutOfMemory { .. })));
-        let none = |capacity| Err(BackendError::OutOfMemory { slots: capacity, bytes: 1 });
-        assert!(matches!(halving(64, 64, false, none), Err(BackendError::SlotOutside(Slot(64), 0))));
-        let lost = |_| Err(BackendError::DeviceLost { cause: "gone".to_owned() });
-        assert!(matches!(halving(64, 64, false, lost), Err(BackendError::DeviceLost { .. })));
-    }
-}
+mod tests;

@@ -1,6 +1,6 @@
 //! Direct light on the device that backends compute on: after a loss on the next one, on the CPU in between.
 
-use crate::backends::CurrentDevice;
+use crate::device_source::CurrentDevice;
 use earthshine_gpu::direct::GpuDirect;
 use earthshine_light::{DirectLight, OccluderSet, PatchPoints};
 use earthshine_world::{Light, Rgb};

@@ -1,6 +1,6 @@
 //! Light of receivers on the device that backends compute on: after a loss on the next one, on the CPU in between.
 
-use crate::backends::CurrentDevice;
+use crate::device_source::CurrentDevice;
 use earthshine_gpu::receivers::{GpuReceivers, ROWS_MAX};
 use earthshine_radiosity::receivers::{Gathering, ReceiverGather, ReceiverLight};
 

@@ -31,6 +31,7 @@ mod connection;
 mod convert;
 mod device_light;
 mod device_receivers;
+mod device_source;
 mod engine_thread;
 mod error;
 mod flow;
@@ -53,8 +54,8 @@ mod tile_loader;
 mod tls;
 mod world_watch;
 
-pub use backends::CurrentDevice;
 pub use config::{BackendKind, Config, ConfigError, ServeArgs};
+pub use device_source::{CurrentDevice, DeviceCounts};
 pub use earthshine_engine::{EngineStats, Promise};
 pub use error::ServerError;
 pub use observer::{Observer, TickSample};

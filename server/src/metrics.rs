@@ -3,7 +3,7 @@
 //! What the shell counts itself, the engine's [`EngineStats`], read from its last snapshot at every scrape, and what a
 //! device's kernels take. Names end in a unit; `_total` marks counters. Start at [`Metrics::encode`].
 
-use crate::backends::CurrentDevice;
+use crate::device_source::{CurrentDevice, DeviceCounts};
 use crate::engine_thread::{EngineReport, SharedReport};
 use earthshine_engine::{Counters, EngineStats, SessionStats};
 use earthshine_gpu::PassTotal;
@@ -144,12 +144,45 @@ impl Metrics {
         text::encode_registry(&mut body, &self.registry)?;
         text::encode_registry(&mut body, &engine)?;
         let mut device = Registry::with_prefix("earthshine_gpu");
+        let current = self.device.get();
+        device.register_collector(Box::new(DeviceCollector {
+            is_there: current.as_ref().map(|device| !device.is_lost()),
+            counts: self.device.counts(),
+        }));
         device.register_collector(Box::new(PassCollector(
-            self.device.get().map(|device| device.pass_totals()).unwrap_or_default(),
+            current.map(|device| device.pass_totals()).unwrap_or_default(),
         )));
         text::encode_registry(&mut body, &device)?;
         text::encode_eof(&mut body)?;
         Ok(body)
+    }
+}
+
+/// What has become of the device.
+#[derive(Debug)]
+struct DeviceCollector {
+    /// None where the CPU computes; false while a lost device is awaited.
+    is_there: Option<bool>,
+    counts: DeviceCounts,
+}
+
+impl Collector for DeviceCollector {
+    fn encode(&self, mut encoder: DescriptorEncoder<'_>) -> Result<(), std::fmt::Error> {
+        let Some(is_there) = self.is_there else { return Ok(()) };
+        let help = "1 where there is a device, 0 while the CPU stands in";
+        let metric = encoder.encode_descriptor("device_ready", help, None, MetricType::Gauge)?;
+        ConstGauge::new(i64::from(is_there)).encode(metric)?;
+        let DeviceCounts { reopened, failed, left_to_cpu } = self.counts;
+        let counters = [
+            ("devices_reopened", "Devices opened after one was lost", reopened),
+            ("device_failures", "Attempts to open a lost device again that failed", failed),
+            ("lights_left_to_cpu", "Lights over rows left to the CPU, as no kernels draw so", left_to_cpu),
+        ];
+        for (name, help, value) in counters {
+            let metric = encoder.encode_descriptor(name, help, None, MetricType::Counter)?;
+            ConstCounter::new(value).encode(metric)?;
+        }
+        Ok(())
     }
 }
 
@@ -171,6 +204,17 @@ impl Collector for PassCollector {
         let mut passes = encoder.encode_descriptor("passes", help, None, MetricType::Counter)?;
         for (name, total) in &self.0 {
             ConstCounter::new(total.count).encode(passes.encode_family(&[("pass", *name)])?)?;
+        }
+        let known = || self.0.iter().filter(|(_, total)| total.bytes > 0.0);
+        let help = "What a kernel moved at least in the frames that were timed";
+        let mut bytes = encoder.encode_descriptor("pass_bytes", help, None, MetricType::Counter)?;
+        for (name, total) in known() {
+            ConstCounter::new(total.bytes).encode(bytes.encode_family(&[("pass", *name)])?)?;
+        }
+        let help = "Floating-point operations of a kernel in the frames that were timed";
+        let mut flops = encoder.encode_descriptor("pass_operations", help, None, MetricType::Counter)?;
+        for (name, total) in known() {
+            ConstCounter::new(total.flops).encode(flops.encode_family(&[("pass", *name)])?)?;
         }
         Ok(())
     }
@@ -234,6 +278,7 @@ fn counters(counted: &Counters) -> Vec<(&'static str, &'static str, u64)> {
         ("resolves", "Repairs and fresh solves because of drift", counted.resolves),
         ("frames", "Frames published", counted.frames),
         ("audits", "Audits of a solver by the matrix", counted.audits),
+        ("solvers_refused", "Solvers that a backend refused: it goes on by another", counted.solvers_refused),
         ("chunks_evicted", "Unwanted chunks that went because room was needed", counted.evicted),
         ("promised_ticks", "Ticks times sessions held against the promise", counted.promised_ticks),
         ("promise_violations", "Of those, with light of level 0 missing near a camera", counted.violations),
@@ -310,14 +355,23 @@ mod tests {
 
     #[test]
     fn the_text_holds_both_kinds() {
-        let passes = BTreeMap::from([("send_light", PassTotal { count: 3, seconds: 0.5 })]);
+        let passes =
+            BTreeMap::from([("send_light", PassTotal { count: 3, seconds: 0.5, bytes: 8e3, flops: 2e3 })]);
         let mut registry = Registry::with_prefix("earthshine_gpu");
         registry.register_collector(Box::new(PassCollector(passes)));
+        let counts = DeviceCounts { reopened: 2, failed: 1, left_to_cpu: 4 };
+        registry.register_collector(Box::new(DeviceCollector { is_there: Some(false), counts }));
         let mut text = String::new();
         text::encode_registry(&mut text, &registry).unwrap();
         for line in [
             "earthshine_gpu_pass_seconds_total{pass=\"send_light\"} 0.5",
             "earthshine_gpu_passes_total{pass=\"send_light\"} 3",
+            "earthshine_gpu_pass_bytes_total{pass=\"send_light\"} 8000.0",
+            "earthshine_gpu_pass_operations_total{pass=\"send_light\"} 2000.0",
+            "earthshine_gpu_device_ready 0",
+            "earthshine_gpu_devices_reopened_total 2",
+            "earthshine_gpu_device_failures_total 1",
+            "earthshine_gpu_lights_left_to_cpu_total 4",
         ] {
             assert!(text.lines().any(|found| found == line), "{line} is not in\n{text}");
         }

@@ -4,9 +4,10 @@
 
 use crate::ServerError;
 use crate::admin::{self, Admin};
-use crate::backends::{Backends, CurrentDevice};
+use crate::backends::Backends;
 use crate::config::Config;
 use crate::config::load::seconds;
+use crate::device_source::CurrentDevice;
 use crate::engine_thread::{EngineHandle, EngineThread, SharedReport};
 use crate::listener::Listener;
 use crate::loaded_engine::LoadedEngine;

@@ -87,8 +87,9 @@ fn a_lost_device_is_an_error_of_every_call() {
     assert!(is_lost(GpuBackend::new(&device, 8).map(drop)));
 }
 
-/// Goal: the service computes on a device, loses it, opens it again, and ends with the same light. Method: a corridor
-/// served on any adapter, held against a solve of the whole; the device is destroyed under it.
+/// Goal: the service computes on a device, loses it, goes on with light of every patch, opens it again, and ends with the
+/// same light. Method: a corridor served on any adapter, held against a solve of the whole; the device is destroyed under
+/// it.
 #[tokio::test]
 async fn a_service_outlives_its_device() {
     outlives(Method::Matrix).await;
@@ -135,6 +136,7 @@ async fn outlives(method: Method) {
             let other = Lights { emission_scale: brighter, ..own.clone() };
             client.set_lights(&other).expect("the session is open");
             tokio::time::sleep(Duration::from_millis(20)).await;
+            assert_eq!(client.light().patch_count(), before.patch_count(), "light of every patch goes on");
         }
     };
     within("a device that was opened again", reopened).await;

@@ -271,7 +271,7 @@ impl Engine {
         }
         self.config.solver = solver;
         for view in self.sessions.values_mut().flat_map(|session| &mut session.views) {
-            view.choose_solver(&self.config);
+            view.choose_solver(&self.config, &mut self.counters);
         }
     }
 
@@ -336,7 +336,7 @@ impl Engine {
                 match (self.backends)(plan.capacity) {
                     Ok(backend) => {
                         view.set_local(LocalSet::new(backend, is_fed));
-                        view.choose_solver(&self.config);
+                        view.choose_solver(&self.config, &mut self.counters);
                     }
                     Err(error) => {
                         tracing::warn!(session = session.id.0, level = plan.level, %error, "no backend could be built");

@@ -259,8 +259,8 @@ impl LevelView {
         Ok(self.sends_news)
     }
 
-    /// Tells the backend how light is to be solved. One that refuses goes on as before.
-    pub(crate) fn choose_solver(&mut self, config: &EngineConfig) {
+    /// Tells the backend how light is to be solved. One that refuses goes on as before, and is counted.
+    pub(crate) fn choose_solver(&mut self, config: &EngineConfig, counters: &mut Counters) {
         let Some(local) = &mut self.local else { return };
         let settings = config.solver_settings(self.level);
         let chosen = local.backend.set_solver(&settings).and_then(|has_choice| {
@@ -270,6 +270,7 @@ impl LevelView {
         });
         local.needs_step = true;
         if let Err(error) = chosen {
+            counters.solvers_refused += 1;
             tracing::warn!(session = self.session.0, level = self.level, %error, "a solver was refused");
         }
     }

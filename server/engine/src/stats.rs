@@ -85,6 +85,8 @@ pub struct Counters {
     pub frames: u64,
     /// Audits of a solver by the matrix.
     pub audits: u64,
+    /// Solvers that a backend refused: it goes on by another.
+    pub solvers_refused: u64,
     /// Unwanted chunks that went because room was needed.
     pub evicted: u64,
     /// Ticks times sessions that were held against the promise.
@@ -132,6 +134,7 @@ impl Counters {
             resolves: self.resolves - earlier.resolves,
             frames: self.frames - earlier.frames,
             audits: self.audits - earlier.audits,
+            solvers_refused: self.solvers_refused - earlier.solvers_refused,
             evicted: self.evicted - earlier.evicted,
             promised_ticks: self.promised_ticks - earlier.promised_ticks,
             violations: self.violations - earlier.violations,

@@ -34,6 +34,8 @@ pub struct AliasBuilder {
 #[derive(Debug)]
 struct Spans {
     count: u32,
+    /// Of all of them.
+    items: u64,
     buffer: Buffer,
 }
 
@@ -42,7 +44,8 @@ impl Spans {
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
         let buffer = device.buffer("spans", size_of_val(spans) as u64, usage)?;
         device.queue().write_buffer(&buffer, 0, bytemuck::cast_slice(spans));
-        Ok(Self { count: spans.len() as u32, buffer })
+        let items = spans.iter().map(|span| u64::from(span.item_count)).sum();
+        Ok(Self { count: spans.len() as u32, items, buffer })
     }
 }
 
@@ -146,7 +149,7 @@ impl AliasBuilder {
         for (spans, weights, totals) in stages.into_iter().filter(|(spans, ..)| spans.count > 0) {
             let bound = [&spans.buffer, weights, &self.masses, &self.parts, &self.bins, totals];
             let pass = Pass { entry_count: spans.count, ..Pass::default() };
-            recorder.dispatch(&BUILD_ALIAS, &bound, pass, folded(spans.count));
+            recorder.over(spans.items).dispatch(&BUILD_ALIAS, &bound, pass, folded(spans.count));
         }
         recorder.submit().map(|_| ())
     }

@@ -158,6 +158,8 @@ impl GpuDevice {
             let total = totals.entry(pass.name).or_default();
             total.count += 1;
             total.seconds += pass.ms / 1e3;
+            total.bytes += pass.work.map_or(0.0, |work| work.bytes);
+            total.flops += pass.work.map_or(0.0, |work| work.flops);
         }
     }
 

@@ -29,8 +29,6 @@ mod backend;
 pub mod copy_bench;
 mod device;
 pub mod direct;
-#[cfg(test)]
-mod kernel_tests;
 mod matrix;
 pub mod memory;
 mod mirror;
@@ -45,6 +43,9 @@ pub mod receivers;
 mod recorder;
 pub mod rows;
 mod timing;
+#[cfg(test)]
+mod twins;
+pub mod work;
 
 pub use adapter::{AdapterChoice, AdapterReport, GpuError};
 pub use backend::GpuBackend;
@@ -52,3 +53,4 @@ pub use device::GpuDevice;
 pub use pipeline_cache::{CachedPipelines, Given};
 pub use rows::GpuRowLight;
 pub use timing::{PassTime, PassTotal};
+pub use work::Work;

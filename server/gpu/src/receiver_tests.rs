@@ -2,7 +2,7 @@
 
 use crate::AdapterChoice;
 use crate::device::GpuDevice;
-use crate::kernel_tests::device_or_skip;
+use crate::twins::device_or_skip;
 use crate::receivers::{GpuReceivers, ReceiversError};
 use earthshine_radiosity::receivers::{
     ColumnSpan, Gathering, NO_SOURCE, ReceiverGather, ReceiverLight, ReceiverRow, ReceiverSums,

@@ -180,18 +180,19 @@ impl GpuReceivers {
         self.bring_lists(gather)?;
         let rows = gather.rows.len();
         if rows > 0 {
-            self.dispatch(rows as u32, gather.slot_count)?;
+            self.dispatch(gather)?;
         }
         self.under_way = Some(UnderWay { rows, looks: 0 });
         Ok(())
     }
 
-    fn dispatch(&mut self, rows: u32, slot_count: u32) -> Result<(), ReceiversError> {
+    fn dispatch(&mut self, gather: &ReceiverGather<'_>) -> Result<(), ReceiversError> {
+        let rows = gather.rows.len() as u32;
         let bytes = size_of::<GatheredLight>() as u64 * u64::from(rows);
         if bytes > self.room.gathered.size() {
             self.room = Room::new(&self.device, bytes.next_power_of_two())?;
         }
-        let pass = Pass { entry_count: rows, rows: slot_count, ..Pass::default() };
+        let pass = Pass { entry_count: rows, rows: gather.slot_count, ..Pass::default() };
         let mut recorder = Recorder::new(&self.device, &self.uniforms, self.timing.as_mut());
         let bound = [
             self.asked.buffer(),
@@ -203,6 +204,11 @@ impl GpuReceivers {
             self.sky.buffer(),
             &self.room.gathered,
         ];
+        let columns = |row: &ReceiverRow| {
+            let starts = &gather.chunks[row.chunk as usize].receivers.rows.row_starts;
+            u64::from(starts[row.row as usize + 1] - starts[row.row as usize])
+        };
+        recorder.over(gather.rows.iter().map(columns).sum());
         recorder.dispatch(&GATHER_RECEIVERS, &bound, pass, folded(rows.div_ceil(ROWS_A_GROUP)));
         self.room.readback.record(recorder.encoder(), &[&self.room.gathered]);
         let submission = recorder.submit()?;

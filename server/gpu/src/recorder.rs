@@ -2,6 +2,7 @@
 
 use crate::device::GpuDevice;
 use crate::timing::Timing;
+use crate::work::work;
 use earthshine_radiosity::BackendError;
 use earthshine_shaders::host::Pass;
 use earthshine_shaders::kernel::Kernel;
@@ -28,6 +29,8 @@ pub(crate) struct Recorder<'a> {
     timing: Option<&'a mut Timing>,
     pieces: Vec<u8>,
     encoder: CommandEncoder,
+    /// What the entries of the next passes have together, for [`work`].
+    items: u64,
 }
 
 /// A grid of `count` workgroups in a row, folded where one dimension has no room.
@@ -38,7 +41,13 @@ pub(crate) fn folded(count: u32) -> [u32; 3] {
 impl<'a> Recorder<'a> {
     pub(crate) fn new(device: &'a GpuDevice, uniforms: &'a Buffer, timing: Option<&'a mut Timing>) -> Self {
         let encoder = device.wgpu().create_command_encoder(&Default::default());
-        Self { device, uniforms, timing, pieces: Vec::new(), encoder }
+        Self { device, uniforms, timing, pieces: Vec::new(), encoder, items: 0 }
+    }
+
+    /// Says how many items the entries of the next passes have together, as [`work`] counts them.
+    pub(crate) fn over(&mut self, items: u64) -> &mut Self {
+        self.items = items;
+        self
     }
 
     /// One dispatch of `kernel`: `buffers` in the order of its bindings, the uniform aside.
@@ -64,7 +73,8 @@ impl<'a> Recorder<'a> {
         let label = Some(kernel.name);
         let descriptor = BindGroupDescriptor { label, layout: &pipeline.layout, entries: &entries };
         let group = self.device.wgpu().create_bind_group(&descriptor);
-        let timestamp_writes = self.timing.as_mut().and_then(|timing| timing.next(kernel.name));
+        let timestamp_writes =
+            self.timing.as_mut().and_then(|timing| timing.next(kernel.name, work(kernel, &pass, self.items)));
         let mut commands =
             self.encoder.begin_compute_pass(&ComputePassDescriptor { label, timestamp_writes });
         commands.set_pipeline(&pipeline.compute);

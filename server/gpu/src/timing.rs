@@ -2,6 +2,7 @@
 
 use crate::device::GpuDevice;
 use crate::readback::read_now;
+use crate::work::Work;
 use earthshine_radiosity::BackendError;
 use wgpu::{
     Buffer, BufferUsages, CommandEncoder, ComputePassTimestampWrites, QuerySet, QuerySetDescriptor, QueryType,
@@ -14,6 +15,8 @@ pub struct PassTime {
     pub name: &'static str,
     /// ms.
     pub ms: f64,
+    /// What it did, where that is known.
+    pub work: Option<Work>,
 }
 
 /// What a kernel has taken in all timed passes.
@@ -23,6 +26,10 @@ pub struct PassTotal {
     pub count: u64,
     /// Their time, s.
     pub seconds: f64,
+    /// What they moved; of kernels whose [`Work`] is unknown nothing.
+    pub bytes: f64,
+    /// What they computed; of kernels whose [`Work`] is unknown nothing.
+    pub flops: f64,
 }
 
 /// A frame in so many is timed while a device works: reading the times waits for it.
@@ -79,7 +86,7 @@ const PASSES_MAX: u32 = 1024;
 pub(crate) struct Timing {
     queries: QuerySet,
     resolved: Buffer,
-    names: Vec<&'static str>,
+    passes: Vec<(&'static str, Option<Work>)>,
     period_ns: f64,
 }
 
@@ -100,16 +107,20 @@ impl Timing {
         let usage = BufferUsages::QUERY_RESOLVE | BufferUsages::COPY_SRC;
         let resolved = device.buffer("pass times", 16 * u64::from(PASSES_MAX), usage)?;
         let period_ns = f64::from(device.queue().get_timestamp_period());
-        Ok(Some(Self { queries, resolved, names: Vec::new(), period_ns }))
+        Ok(Some(Self { queries, resolved, passes: Vec::new(), period_ns }))
     }
 
     /// Where the next pass writes its times; nowhere once there is no more room.
-    pub(crate) fn next(&mut self, name: &'static str) -> Option<ComputePassTimestampWrites<'_>> {
-        let at = 2 * self.names.len() as u32;
+    pub(crate) fn next(
+        &mut self,
+        name: &'static str,
+        work: Option<Work>,
+    ) -> Option<ComputePassTimestampWrites<'_>> {
+        let at = 2 * self.passes.len() as u32;
         if at >= 2 * PASSES_MAX {
             return None;
         }
-        self.names.push(name);
+        self.passes.push((name, work));
         Some(ComputePassTimestampWrites {
             query_set: &self.queries,
             beginning_of_pass_write_index: Some(at),
@@ -122,19 +133,20 @@ impl Timing {
     /// # Errors
     /// [`BackendError::DeviceLost`].
     pub(crate) fn take(&mut self, device: &GpuDevice) -> Result<Vec<PassTime>, BackendError> {
-        if self.names.is_empty() {
+        if self.passes.is_empty() {
             return Ok(Vec::new());
         }
-        let count = 2 * self.names.len() as u32;
+        let count = 2 * self.passes.len() as u32;
         let resolve = |encoder: &mut CommandEncoder| {
             encoder.resolve_query_set(&self.queries, 0..count, &self.resolved, 0);
         };
         let bytes = read_now(device, &self.resolved, 8 * u64::from(count), resolve)?;
         let ticks: Vec<u64> = bytemuck::pod_collect_to_vec(&bytes);
-        let times = self.names.drain(..).zip(ticks.chunks_exact(2));
+        let times = self.passes.drain(..).zip(ticks.chunks_exact(2));
         Ok(times
-            .map(|(name, ticks)| PassTime {
+            .map(|((name, work), ticks)| PassTime {
                 name,
+                work,
                 ms: ticks[1].saturating_sub(ticks[0]) as f64 * self.period_ns / 1e6,
             })
             .collect())

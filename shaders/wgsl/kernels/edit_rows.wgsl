@@ -60,7 +60,8 @@ fn edit_rows(
             var stays = 0u;
             if item < edit.old_count {
                 link = links[edit.old_first + item];
-                if is_leaving(link.slot) {
+                // Where nobody leaves, bits are of those before, whose slots others may hold by now.
+                if pass_of.is_leaving != 0u && is_leaving(link.slot) {
                     lost += link.share * sent[link.slot];
                 } else {
                     stays = 1u;

@@ -4,7 +4,7 @@ use super::backend::Faults;
 use super::harness::{ALICE, Harness, factory, generous, lamp};
 use super::world::{RandomWorld, WorldShape};
 use crate::{BackendFactory, EngineConfig, Event, PatchLight, SolverConfig};
-use earthshine_radiosity::solver::{Method, SolverBackend, SolverSettings};
+use earthshine_radiosity::solver::{DrawnRows, Method, SolverBackend, SolverSettings};
 use earthshine_radiosity::{Backend, CpuBackend};
 use earthshine_world::{LightRig, Rgb, Vec3};
 
@@ -127,4 +127,32 @@ fn a_backend_without_a_choice_is_left_alone() {
     harness.light(ALICE, rig(1.0));
     harness.settle();
     assert!(!light(&harness).is_empty());
+}
+
+/// Goal: a solver that a backend has no way for is counted and said, and light goes on by the one before. Method: draws from
+/// rows of a matrix that shows none.
+#[test]
+fn a_solver_that_is_refused_is_counted() {
+    let world = RandomWorld::new(5, WorldShape::default());
+    let config = EngineConfig { solver: solved_by(Method::Gather), ..generous(PATCHES) };
+    let mut hidden = factory(Faults::default());
+    let backends = Box::new(move |capacity| {
+        let matrix = hidden(capacity)?;
+        let mut one = Some(matrix);
+        let make = Box::new(move |_| Ok(one.take().expect("asked for once")));
+        let settings = SolverSettings { method: Method::Gather, ..SolverSettings::default() };
+        Ok(Box::new(SolverBackend::new(capacity, settings, make)?) as Box<dyn Backend>)
+    });
+    let mut harness = Harness::with_backends(world, config, backends).with_camera(Vec3::splat(2.0));
+    harness.light(ALICE, rig(1.0));
+    harness.settle();
+    let (before, counters) = (light(&harness), harness.engine.stats().counters);
+    assert_eq!(counters.solvers_refused, 0);
+    let coloured = SolverConfig { drawn_rows: DrawnRows::Multibounce, ..solved_by(Method::Cdf) };
+    harness.events.push(Event::Solver { solver: coloured });
+    harness.tick();
+    assert_eq!(harness.engine.stats().counters.solvers_refused, 1);
+    harness.light(ALICE, rig(2.0));
+    harness.settle();
+    assert!(rel_rmse(&light(&harness), &before) > 0.01, "light follows its sources");
 }

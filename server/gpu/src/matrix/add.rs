@@ -34,7 +34,7 @@ impl GpuMatrix {
         let slots: Vec<u32> = arrivals.iter().map(|arrival| arrival.slot.0).collect();
         self.extent = slots.iter().fold(self.extent, |extent, slot| extent.max(slot + 1));
         self.upload(&self.buffers.entries, &exchange.entries);
-        self.upload(&self.buffers.is_named, &exchange.is_named);
+        self.name_stripes(&exchange.is_named);
         let pass = Pass { entry_count: exchange.entries.len() as u32, ..self.pass() };
         let (mut recorder, buffers, _) = self.recorder();
         recorder.clear(&buffers.exchange);

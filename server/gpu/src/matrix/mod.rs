@@ -40,6 +40,8 @@ pub(crate) struct GpuMatrix {
     residents: Vec<Resident>,
     /// One past the highest taken slot.
     extent: u32,
+    /// Stripes that hold what the next gather multiplies.
+    named: u32,
     /// Next slot whose column is to be refined.
     repair_from: u32,
     /// What a block is solved from, on its way to the host.
@@ -61,6 +63,7 @@ impl GpuMatrix {
             buffers,
             residents: vec![Resident::default(); rows],
             extent: 0,
+            named: 0,
             repair_from: 0,
             block_readback,
             timing: None,
@@ -113,8 +116,15 @@ impl GpuMatrix {
     }
 
     fn recorder(&mut self) -> (Recorder<'_>, &Buffers, &mut Readback) {
-        let recorder = Recorder::new(&self.device, &self.buffers.uniforms, self.timing.as_mut());
+        let mut recorder = Recorder::new(&self.device, &self.buffers.uniforms, self.timing.as_mut());
+        recorder.over(u64::from(self.named));
         (recorder, &self.buffers, &mut self.block_readback)
+    }
+
+    /// Says which stripes hold what the next gather multiplies.
+    fn name_stripes(&mut self, is_named: &[u32]) {
+        self.named = is_named.iter().sum();
+        self.upload(&self.buffers.is_named, is_named);
     }
 
     /// Notes that a patch holds a slot, or nobody does.

@@ -42,7 +42,7 @@ impl GpuMatrix {
             return Ok(());
         }
         let entry_count = self.upload_members(slots, u32::MAX);
-        self.name_all();
+        self.name_stripes(&vec![1; self.stripes() as usize]);
         let pass = Pass { entry_count, ..self.pass() };
         let stride = columns_stride(pass);
         let (mut recorder, buffers, _) = self.recorder();
@@ -76,7 +76,7 @@ impl GpuMatrix {
         recorder.submit()?;
         // Nobody is there at first, and those who are not are passed over.
         let mut present = vec![Resident::default(); residents.len()];
-        self.name_all();
+        self.name_stripes(&vec![1; self.stripes() as usize]);
         for block in slots.chunks(BLOCK as usize) {
             self.upload(&self.buffers.residents, &present);
             self.enter_again(block)?;
@@ -111,10 +111,5 @@ impl GpuMatrix {
         let (mut recorder, buffers, _) = self.recorder();
         recorder.close_loop(buffers, Pass { entry_count, ..pass });
         recorder.submit().map(|_| ())
-    }
-
-    /// Every stripe may hold something.
-    fn name_all(&self) {
-        self.upload(&self.buffers.is_named, &vec![1u32; self.stripes() as usize]);
     }
 }

@@ -55,6 +55,11 @@ impl Edits {
         (Self { pool, places, leaving, coming, touched, newcomers }, uploaded)
     }
 
+    /// Links of the rows of `slots`, as the device has them after the next flush.
+    pub(super) fn links_of(&self, slots: impl IntoIterator<Item = u32>) -> u64 {
+        slots.into_iter().map(|slot| u64::from(self.places[slot as usize].count)).sum()
+    }
+
     /// A patch has come into `slot`; its links are there.
     pub(super) fn come(&mut self, links: &LinkRows, slot: usize) {
         self.coming.push(slot as u32);
@@ -184,8 +189,9 @@ impl GpuRowLight {
         let coming = std::mem::take(&mut self.edits.coming);
         self.buffers.some_slots.fill(&self.device, &coming)?;
         let pass = Pass { entry_count: coming.len() as u32, ..self.pass() };
+        let links = self.edits.links_of(coming);
         let (mut recorder, buffers) = self.recorder();
-        recorder.send_light(buffers, pass);
+        recorder.over(links).send_light(buffers, pass);
         // Nothing comes from outside before somebody says so.
         recorder.gather_rows(buffers, &buffers.some_slots.buffer, &buffers.dark, pass);
         recorder.take_gathered(buffers, &buffers.some_slots.buffer, 0.0, pass);
@@ -216,6 +222,8 @@ impl GpuRowLight {
             &buffers.sent,
             &buffers.arriving,
         ];
+        let items = |edit: &RowEdit| u64::from(edit.old_count) + u64::from(edit.new_count);
+        recorder.over(edits.iter().map(items).sum());
         recorder.dispatch(&EDIT_ROWS, &bound, pass, folded(entry_count));
         if is_leaving && has_tables {
             let bound = [&buffers.edits.buffer, &buffers.leaving, &buffers.spans, &buffers.outcomes.buffer];

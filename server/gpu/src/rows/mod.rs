@@ -213,7 +213,7 @@ impl GpuRowLight {
         self.take_sources(residents, Pass { is_shot: 0, ..pass })?;
         if self.is_shot() {
             let (mut recorder, buffers) = self.recorder();
-            recorder.send_light(buffers, pass);
+            recorder.over(residents.links.link_count() as u64).send_light(buffers, pass);
             recorder.gather_rows(buffers, &buffers.all_slots, &buffers.outside, pass);
             recorder.take_gathered(buffers, &buffers.all_slots, 0.0, pass);
             recorder.submit()?;
@@ -257,8 +257,9 @@ impl GpuRowLight {
 
     fn advance_gathered(&mut self) -> Result<(), BackendError> {
         let pass = self.pass();
+        let links = self.edits.links_of(0..self.slots());
         let (mut recorder, buffers) = self.recorder();
-        recorder.send_light(buffers, pass);
+        recorder.over(links).send_light(buffers, pass);
         recorder.gather_rows(buffers, &buffers.all_slots, &buffers.outside, pass);
         recorder.measure_light(buffers, pass);
         recorder.take_gathered(buffers, &buffers.all_slots, 0.0, pass);

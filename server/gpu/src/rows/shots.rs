@@ -37,6 +37,7 @@ impl GpuRowLight {
         recorder.clear(&buffers.classes);
         recorder.send_light(buffers, pass);
         let some = Pass { entry_count: fresh.len() as u32, ..pass };
+        recorder.over(fresh.iter().map(|&slot| links.row(slot as usize).len() as u64).sum());
         recorder.gather_rows(buffers, &buffers.some_slots.buffer, &buffers.outside, some);
         recorder.take_gathered(buffers, &buffers.some_slots.buffer, REFRESH_TOLERANCE, some);
         recorder.measure_light(buffers, pass);

@@ -124,15 +124,19 @@ impl GpuRowLight {
             &buffers.spans,
             &buffers.totals,
         ];
-        recorder.dispatch(&FILL_TABLES, &bound, pass, folded(pass.entry_count));
+        recorder.over(u64::from(builds.item_count)).dispatch(
+            &FILL_TABLES,
+            &bound,
+            pass,
+            folded(pass.entry_count),
+        );
         if method == Method::Alias {
-            let sections = (&buffers.sections, builds.sections.len());
-            let tops = (&buffers.tops, builds.tops.len());
             let stages = [
-                (sections, &buffers.weights, &buffers.section_totals),
-                (tops, &buffers.section_totals, &buffers.top_totals),
+                (&buffers.sections, &builds.sections, &buffers.weights, &buffers.section_totals),
+                (&buffers.tops, &builds.tops, &buffers.section_totals, &buffers.top_totals),
             ];
-            for ((spans, count), weights, totals) in stages.into_iter().filter(|((_, count), ..)| *count > 0)
+            for (spans, built, weights, totals) in
+                stages.into_iter().filter(|(_, built, ..)| !built.is_empty())
             {
                 let scratch = [&buffers.masses.buffer, &buffers.parts.buffer];
                 let bound = [
@@ -143,7 +147,8 @@ impl GpuRowLight {
                     &buffers.bins.buffer,
                     &totals.buffer,
                 ];
-                let pass = Pass { entry_count: count as u32, ..pass };
+                let pass = Pass { entry_count: built.len() as u32, ..pass };
+                recorder.over(built.iter().map(|span| u64::from(span.item_count)).sum());
                 recorder.dispatch(&BUILD_ALIAS, &bound, pass, folded(pass.entry_count));
             }
         } else {

@@ -1,15 +1,20 @@
 //! [`SolverBackend`]: rows, sources and light of resident patches, advanced by the method of the moment.
 //!
 //! A matrix is kept only while a method or an audit asks for it. Where it has to be made for patches that are there
-//! already, that takes some steps, [`MATRIX_ADDS_A_STEP`] patches each; the method before goes on meanwhile.
+//! already, that takes some steps, [`MATRIX_ADDS_A_STEP`] patches each; the method before goes on meanwhile. A device that
+//! fails is stood in for by the CPU: `backend/rescue.rs`.
 
+mod arrivals;
 mod matrix;
+mod rescue;
+#[cfg(test)]
+mod rescue_tests;
 
 use super::links::LinkRows;
 use super::residents::Residents;
 use super::row_light::{Frame, RowLight, RowLightFactory};
 use super::{CpuRowLight, Light, Method, SolverSettings};
-use crate::backend::{ApplyStats, Backend, BackendError, MIN_PIVOT, Repaired, Slot, StepStats, Update};
+use crate::backend::{ApplyStats, Backend, BackendError, Repaired, Slot, StepStats, Update};
 use crate::slot_check;
 use crate::update_check::UpdateCheck;
 use earthshine_world::Rgb;
@@ -53,6 +58,10 @@ pub struct SolverBackend {
     check: UpdateCheck,
     frame: u32,
     changed: bool,
+    /// Whether the CPU stands in for a device that is awaited.
+    is_displaced: bool,
+    /// Light as it was read last; none of slots that nobody has read since their patch came.
+    read_last: Vec<Option<Light>>,
 }
 
 impl std::fmt::Debug for SolverBackend {
@@ -78,10 +87,11 @@ impl SolverBackend {
         Self::with_light(capacity, settings, make_matrix, CpuRowLight::factory())
     }
 
-    /// As [`Self::new`], with light on rows as `make_light` makes it, for every method but the matrix.
+    /// As [`Self::new`], with light on rows as `make_light` makes it, for every method but the matrix. Where either says
+    /// that a device is lost, now or later, the CPU stands in, and it is asked again in every step.
     ///
     /// # Errors
-    /// [`BackendError::Settings`], or what `make_matrix` and `make_light` say.
+    /// [`BackendError::Settings`], or what else `make_matrix` and `make_light` say.
     pub fn with_light(
         capacity: u32,
         settings: SolverSettings,
@@ -89,7 +99,12 @@ impl SolverBackend {
         make_light: RowLightFactory,
     ) -> Result<Self, BackendError> {
         settings.validate().map_err(BackendError::Settings)?;
-        let matrix = if settings.needs_matrix() { Some(make_matrix(capacity)?) } else { None };
+        let matrix = match settings.needs_matrix().then(|| make_matrix(capacity)) {
+            Some(Ok(matrix)) => Some(matrix),
+            // Asked again below.
+            None | Some(Err(BackendError::DeviceLost { .. })) => None,
+            Some(Err(error)) => return Err(error),
+        };
         let slots = matrix.as_ref().map_or(capacity, |matrix| matrix.capacity()) as usize;
         let mut backend = Self {
             settings,
@@ -105,8 +120,10 @@ impl SolverBackend {
             check: UpdateCheck::new(slots),
             frame: 0,
             changed: true,
+            is_displaced: false,
+            read_last: vec![None; slots],
         };
-        backend.choose(settings)?;
+        backend.choose_or_wait(settings)?;
         Ok(backend)
     }
 
@@ -138,6 +155,17 @@ impl SolverBackend {
         self.settings = settings;
         self.changed = true;
         Ok(())
+    }
+
+    /// Chooses, by the CPU for now where a device is awaited.
+    fn choose_or_wait(&mut self, settings: SolverSettings) -> Result<(), BackendError> {
+        match self.choose(settings) {
+            Err(error @ BackendError::DeviceLost { .. }) => {
+                self.settings = settings;
+                self.rescue(error)
+            }
+            chosen => chosen,
+        }
     }
 
     /// Whether light is advanced as `settings` say already.
@@ -192,26 +220,61 @@ impl SolverBackend {
         self.on_rows.as_ref().is_none_or(|on_rows| on_rows.made_for.is_coloured())
     }
 
-    fn apply_to_rows(&mut self, updates: &[Update]) -> Result<(), BackendError> {
-        let Self { residents, on_rows, .. } = self;
-        self.changed |= !updates.is_empty();
-        for update in updates {
-            match update {
-                Update::Add { slot, reflectance, area, row, column: _ } => {
-                    let at = slot.0 as usize;
-                    let entries = row.iter().map(|&(other, share)| (other.0 as usize, share));
-                    residents.links.add(at, *area, *reflectance, entries);
-                    on_rows.as_mut().map_or(Ok(()), |on_rows| on_rows.light.come(residents, at))?;
-                }
-                Update::Remove { slot } if residents.links.is_taken(slot.0 as usize) => {
-                    let at = slot.0 as usize;
-                    on_rows.as_mut().map_or(Ok(()), |on_rows| on_rows.light.leave(residents, at))?;
-                    residents.remove(at);
-                }
-                Update::Remove { .. } => {}
-            }
+    /// Advances the light by a frame.
+    fn step_once(&mut self) -> Result<StepStats, BackendError> {
+        self.return_if_possible();
+        if self.is_audited {
+            self.complete_matrix()?;
         }
-        Ok(())
+        self.enter_if_whole()?;
+        if let (None, Some(matrix)) = (&self.on_rows, &mut self.matrix) {
+            self.changed = false;
+            return matrix.step();
+        }
+        let Residents { direct, outside, .. } = &self.residents;
+        let is_lit = |&(own, outside): &(&Light, &Light)| *own != [0.0; 4] || *outside != [0.0; 4];
+        let lit_columns = direct.iter().zip(outside).filter(is_lit).count() as u32;
+        let recomputed = std::mem::take(&mut self.changed) || !self.is_settled();
+        if let Some(on_rows) = self.on_rows.as_mut().filter(|_| recomputed) {
+            let number = self.frame;
+            self.frame = number.wrapping_add(1);
+            let matrix = self.matrix.as_deref_mut().map(|matrix| matrix as &mut dyn Backend);
+            // Until a matrix is whole, the method before goes on.
+            let settings = on_rows.current(&self.settings);
+            let frame = Frame { settings: &settings, number, order: &self.order, matrix };
+            on_rows.light.advance(&mut self.residents, frame)?;
+        }
+        Ok(StepStats { lit_columns, recomputed })
+    }
+
+    fn read(&mut self, slots: &[Slot], out: &mut [Rgb]) -> Result<(), BackendError> {
+        match (&mut self.on_rows, &mut self.matrix) {
+            (Some(on_rows), _) => on_rows.light.read(&self.residents, slots, out),
+            (None, Some(matrix)) => matrix.read_irradiance(slots, out),
+            (None, None) => Ok(()),
+        }
+    }
+
+    /// How far light is from the matrix's, as a share; none while that is not whole.
+    fn audit_once(&mut self) -> Result<Option<f32>, BackendError> {
+        if !self.is_audited || self.on_rows.is_none() || !self.complete_matrix()? {
+            return Ok(None);
+        }
+        self.tell_matrix()?;
+        let Some(matrix) = &mut self.matrix else { return Ok(None) };
+        matrix.step()?;
+        let is_meant = |slot: &Slot| matrix.is_taken(*slot) && matrix.is_current(*slot);
+        let slots: Vec<Slot> =
+            (0..self.residents.links.capacity() as u32).map(Slot).filter(is_meant).collect();
+        let (mut exact, mut found) = (vec![Rgb::ZERO; slots.len()], vec![Rgb::ZERO; slots.len()]);
+        matrix.read_irradiance(&slots, &mut exact)?;
+        self.read(&slots, &mut found)?;
+        let (mut gap, mut norm) = (0.0f64, 0.0f64);
+        for (found, exact) in found.iter().zip(&exact) {
+            gap += f64::from((*found - *exact).length_squared());
+            norm += f64::from(exact.length_squared());
+        }
+        Ok(Some(if gap == 0.0 { 0.0 } else { (gap / norm).sqrt() as f32 }))
     }
 }
 
@@ -222,39 +285,7 @@ impl Backend for SolverBackend {
 
     fn apply(&mut self, updates: &[Update]) -> Result<ApplyStats, BackendError> {
         self.check.check(updates, |slot| self.residents.links.area(slot.0 as usize))?;
-        if self.lives_on_matrix() {
-            let matrix = self.matrix.as_mut().expect("what lives on a matrix has one");
-            let stats = matrix.apply(updates)?;
-            let is_in =
-                |update: &&Update| !matches!(update, Update::Add { slot, .. } if !matrix.is_taken(*slot));
-            // Who was refused has no links either.
-            let taken: Vec<Update> = updates.iter().filter(is_in).cloned().collect();
-            self.apply_to_rows(&taken)?;
-            return Ok(stats);
-        }
-        if let Some(matrix) = &mut self.matrix {
-            let leaving =
-                |update: &&Update| matches!(update, Update::Remove { slot } if matrix.is_taken(*slot));
-            let leaving: Vec<Update> = updates.iter().filter(leaving).cloned().collect();
-            matrix.apply(&leaving)?;
-        }
-        let mut stats = ApplyStats::default();
-        for update in updates {
-            match update {
-                Update::Add { slot, reflectance, row, .. } => {
-                    let own: f32 =
-                        row.iter().filter(|(other, _)| other == slot).map(|(_, share)| share).sum();
-                    if 1.0 - reflectance.max_element() * own < MIN_PIVOT {
-                        stats.weak_pivots += 1;
-                        continue;
-                    }
-                    stats.added += 1;
-                }
-                Update::Remove { .. } => stats.removed += 1,
-            }
-            self.apply_to_rows(std::slice::from_ref(update))?;
-        }
-        Ok(stats)
+        self.or_on_cpu(|own| own.apply_checked(updates))
     }
 
     fn is_taken(&self, slot: Slot) -> bool {
@@ -262,14 +293,7 @@ impl Backend for SolverBackend {
     }
 
     fn clear(&mut self) -> Result<(), BackendError> {
-        self.matrix.as_mut().map_or(Ok(()), |matrix| matrix.clear())?;
-        self.residents.clear();
-        self.changed = true;
-        let Some(on_rows) = &mut self.on_rows else { return Ok(()) };
-        let settings = on_rows.current(&self.settings);
-        let dark = vec![[0.0; 4]; self.residents.links.capacity()];
-        on_rows.light = (self.make_light)(&mut self.residents, &settings, &dark)?;
-        Ok(())
+        self.or_on_cpu(Self::clear_all)
     }
 
     fn set_sources(
@@ -347,32 +371,12 @@ impl Backend for SolverBackend {
     }
 
     fn step(&mut self) -> Result<StepStats, BackendError> {
-        if self.is_audited {
-            self.complete_matrix()?;
-        }
-        self.enter_if_whole()?;
-        if let (None, Some(matrix)) = (&self.on_rows, &mut self.matrix) {
-            self.changed = false;
-            return matrix.step();
-        }
-        let Residents { direct, outside, .. } = &self.residents;
-        let is_lit = |&(own, outside): &(&Light, &Light)| *own != [0.0; 4] || *outside != [0.0; 4];
-        let lit_columns = direct.iter().zip(outside).filter(is_lit).count() as u32;
-        let recomputed = std::mem::take(&mut self.changed) || !self.is_settled();
-        if let Some(on_rows) = self.on_rows.as_mut().filter(|_| recomputed) {
-            let number = self.frame;
-            self.frame = number.wrapping_add(1);
-            let matrix = self.matrix.as_deref_mut().map(|matrix| matrix as &mut dyn Backend);
-            // Until a matrix is whole, the method before goes on.
-            let settings = on_rows.current(&self.settings);
-            let frame = Frame { settings: &settings, number, order: &self.order, matrix };
-            on_rows.light.advance(&mut self.residents, frame)?;
-        }
-        Ok(StepStats { lit_columns, recomputed })
+        self.or_on_cpu(Self::step_once)
     }
 
     fn is_settled(&self) -> bool {
         !self.changed
+            && !self.is_displaced
             && self.is_entered(&self.settings)
             && match &self.on_rows {
                 None => self.matrix.as_ref().is_none_or(|matrix| matrix.is_settled()),
@@ -382,7 +386,7 @@ impl Backend for SolverBackend {
 
     fn set_solver(&mut self, settings: &SolverSettings) -> Result<bool, BackendError> {
         if *settings != self.settings {
-            self.choose(*settings)?;
+            self.choose_or_wait(*settings)?;
         }
         Ok(true)
     }
@@ -391,7 +395,7 @@ impl Backend for SolverBackend {
         self.is_audited = is_audited;
         if is_audited {
             let settings = self.settings;
-            self.matrix_wanted(&settings)?;
+            self.or_on_cpu(|own| if own.is_displaced { Ok(()) } else { own.matrix_wanted(&settings) })?;
         } else if !self.settings.needs_matrix() {
             self.matrix = None;
         }
@@ -399,34 +403,15 @@ impl Backend for SolverBackend {
     }
 
     fn audit(&mut self) -> Result<Option<f32>, BackendError> {
-        if !self.is_audited || self.on_rows.is_none() || !self.complete_matrix()? {
-            return Ok(None);
-        }
-        self.tell_matrix()?;
-        let Some(matrix) = &mut self.matrix else { return Ok(None) };
-        matrix.step()?;
-        let is_meant = |slot: &Slot| matrix.is_taken(*slot) && matrix.is_current(*slot);
-        let slots: Vec<Slot> =
-            (0..self.residents.links.capacity() as u32).map(Slot).filter(is_meant).collect();
-        let (mut exact, mut found) = (vec![Rgb::ZERO; slots.len()], vec![Rgb::ZERO; slots.len()]);
-        matrix.read_irradiance(&slots, &mut exact)?;
-        self.read_irradiance(&slots, &mut found)?;
-        let (mut gap, mut norm) = (0.0f64, 0.0f64);
-        for (found, exact) in found.iter().zip(&exact) {
-            gap += f64::from((*found - *exact).length_squared());
-            norm += f64::from(exact.length_squared());
-        }
-        Ok(Some(if gap == 0.0 { 0.0 } else { (gap / norm).sqrt() as f32 }))
+        self.or_on_cpu(Self::audit_once)
     }
 
     fn read_irradiance(&mut self, slots: &[Slot], out: &mut [Rgb]) -> Result<(), BackendError> {
         slot_check::one_each(slots, out.len())?;
         slot_check::all_taken(slots, self.capacity(), |slot| self.is_taken(slot))?;
-        match (&mut self.on_rows, &mut self.matrix) {
-            (Some(on_rows), _) => on_rows.light.read(&self.residents, slots, out),
-            (None, Some(matrix)) => matrix.read_irradiance(slots, out),
-            (None, None) => Ok(()),
-        }
+        self.or_on_cpu(|own| own.read(slots, out))?;
+        slots.iter().zip(&*out).for_each(|(slot, &light)| self.note_read(slot.0 as usize, light));
+        Ok(())
     }
 
     fn drift(&mut self, seed: u64) -> f32 {
@@ -434,13 +419,17 @@ impl Backend for SolverBackend {
     }
 
     fn repair(&mut self, columns_max: u32) -> Result<Repaired, BackendError> {
-        match &mut self.matrix {
+        self.or_on_cpu(|own| match &mut own.matrix {
             Some(matrix) => matrix.repair(columns_max),
             None => Ok(Repaired { columns: 0, is_complete: true }),
-        }
+        })
     }
 
     fn resolve(&mut self) -> Result<(), BackendError> {
-        self.matrix.as_mut().map_or(Ok(()), |matrix| matrix.resolve())
+        match self.matrix.as_mut().map_or(Ok(()), |matrix| matrix.resolve()) {
+            Err(error @ BackendError::DeviceLost { .. }) => self.rescue(error),
+            // The matrix is what it was for want of memory.
+            other => other,
+        }
     }
 }

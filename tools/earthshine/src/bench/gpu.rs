@@ -12,6 +12,7 @@ use anyhow::Context as _;
 use clap::Args;
 use earthshine_gpu::alias::AliasBuilder;
 use earthshine_gpu::copy_bench::CopyBench;
+use earthshine_gpu::work::unknown;
 use earthshine_gpu::{AdapterChoice, GpuBackend, GpuDevice, PassTime, memory};
 use earthshine_radiosity::bench::Streamed;
 use earthshine_radiosity::closed_box::ClosedBox;
@@ -100,15 +101,26 @@ struct Figures {
     ray_triangles: usize,
 }
 
-/// The quickest run of a kernel, and what it moves and multiplies.
+/// A kernel's largest runs, the quickest of them: what it moves and computes at least, as
+/// [`earthshine_gpu::work`] reckons.
 #[derive(Serialize)]
 struct Pass {
     name: &'static str,
     ms: f64,
     bytes: Option<f64>,
     flops: Option<f64>,
-    /// Bytes a second, as a share of a copy's.
+    /// Bytes a second, as a share of a copy's. Above 1: caches answered.
     copy_share: Option<f64>,
+    /// Why bytes and operations are not known.
+    unknown: Option<&'static str>,
+}
+
+impl Pass {
+    fn new(run: &PassTime, copy_gb_s: f64) -> Self {
+        let (bytes, flops) = run.work.map(|work| (work.bytes, work.flops)).unzip();
+        let copy_share = bytes.map(|bytes| bytes / 1e6 / run.ms.max(1e-9) / copy_gb_s);
+        Self { name: run.name, ms: run.ms, bytes, flops, copy_share, unknown: unknown(run.name) }
+    }
 }
 
 /// Runs the suite.
@@ -129,23 +141,16 @@ pub(crate) fn run(arguments: &GpuBenchArguments, json: bool) -> anyhow::Result<(
     }
     let block_patch_us = bench.quickest(arguments.rounds, Bench::swap)? * 1e3 / (2 * BLOCK) as f64;
     let product_wall_ms = bench.quickest(arguments.rounds, Bench::product)?;
-    let mut quickest = quickest_passes(&bench.passes);
-    let product_ms = quickest.get("multiply_tiles").map_or(product_wall_ms, |ms| 3.0 * ms);
+    let product = largest_quickest(&bench.passes).remove("multiply_tiles");
+    let product_ms = product.map_or(product_wall_ms, |pass| 3.0 * pass.ms);
     let plane_bytes = memory::plane_bytes(arguments.m) as f64;
     let product_gb_s = 3.0 * plane_bytes / 1e6 / product_ms.max(1e-6);
     let copy_gb_s = copy_rate(&device, arguments)?;
-    let (alias_gitems_s, alias_pass) = alias_rate(&device, arguments)?;
+    let (alias_gitems_s, alias_passes) = alias_rate(&device, arguments)?;
     let step = gpu_step::measure(&device, &arguments.step, arguments.rounds, arguments.seed)?;
     let rays = gpu_rays::measure(&device, &arguments.rays, &town, arguments.rounds, arguments.seed)?;
-    quickest.extend(quickest_passes(&step.passes));
-    quickest.extend(quickest_passes(&rays.passes));
-    quickest.extend(quickest_passes(&frame_passes));
-    quickest.extend(alias_pass.map(|ms| ("build_alias", ms)));
-    let passes = quickest.into_iter().map(|(name, ms)| {
-        let (bytes, flops) = work(name, plane_bytes).unzip();
-        let copy_share = bytes.map(|bytes| bytes / 1e6 / ms.max(1e-9) / copy_gb_s);
-        Pass { name, ms, bytes, flops, copy_share }
-    });
+    let all = [bench.passes, step.passes, rays.passes, frame_passes, alias_passes].concat();
+    let passes = largest_quickest(&all).into_values().map(|run| Pass::new(&run, copy_gb_s)).collect();
     let figures = Figures {
         adapter: device.name().to_owned(),
         m: arguments.m,
@@ -163,7 +168,7 @@ pub(crate) fn run(arguments: &GpuBenchArguments, json: bool) -> anyhow::Result<(
         direct_error_rel: direct.direct_error_rel,
         alias_gitems_s,
         has_timestamps: bench.has_timestamps,
-        passes: passes.collect(),
+        passes,
         vram_bytes: memory::device_bytes(arguments.m),
         step_ms: step.step_ms,
         alias_step_ms: step.alias_step_ms,
@@ -179,26 +184,17 @@ pub(crate) fn run(arguments: &GpuBenchArguments, json: bool) -> anyhow::Result<(
     report.print(json)
 }
 
-/// Bytes and floating-point operations of one run of a kernel over a whole plane.
-fn work(name: &str, plane_bytes: f64) -> Option<(f64, f64)> {
-    let numbers = plane_bytes / 4.0;
-    match name {
-        // Each number serves for its row and its column.
-        "multiply_tiles" => Some((plane_bytes, 4.0 * numbers)),
-        "rank_update" => Some((2.0 * plane_bytes, 2.0 * BLOCK as f64 * numbers)),
-        "gather_columns" => Some((2.0 * plane_bytes, 4.0 * BLOCK as f64 * numbers)),
-        _ => None,
-    }
-}
-
-/// The quickest run of each kernel, ms.
-fn quickest_passes(passes: &[PassTime]) -> BTreeMap<&'static str, f64> {
-    let mut quickest = BTreeMap::new();
+/// Of each kernel the run that moved most, and of those the quickest.
+fn largest_quickest(passes: &[PassTime]) -> BTreeMap<&'static str, PassTime> {
+    let mut best = BTreeMap::<&'static str, PassTime>::new();
+    let size = |pass: &PassTime| pass.work.map_or(0.0, |work| work.bytes);
     for pass in passes {
-        let ms = quickest.entry(pass.name).or_insert(f64::INFINITY);
-        *ms = pass.ms.min(*ms);
+        let held = best.entry(pass.name).or_insert(*pass);
+        if size(pass) > size(held) || (size(pass) == size(held) && pass.ms < held.ms) {
+            *held = *pass;
+        }
     }
-    quickest
+    best
 }
 
 /// A full matrix and what happens to it.
@@ -326,22 +322,24 @@ fn copy_rate(device: &GpuDevice, arguments: &GpuBenchArguments) -> anyhow::Resul
     Ok(4.0 * bytes as f64 / 1e9 / best.max(1e-9))
 }
 
-/// Items a second in 10^9, and ms of the pass where the device can tell.
-fn alias_rate(device: &GpuDevice, arguments: &GpuBenchArguments) -> anyhow::Result<(f64, Option<f64>)> {
+/// Items a second in 10^9, and the passes where the device can tell.
+fn alias_rate(device: &GpuDevice, arguments: &GpuBenchArguments) -> anyhow::Result<(f64, Vec<PassTime>)> {
     let (rows, items) = (arguments.rows as usize, arguments.items as usize);
     let mut builder = AliasBuilder::new(device, &vec![items; rows])?;
     let weight = |at: u64| unit_f32(hash(arguments.seed, Purpose::Simulation, at, 0));
     builder.set_weights(&(0..(rows * items) as u64).map(weight).collect::<Vec<f32>>())?;
     let is_timed = builder.time_passes()?;
-    let (mut best, mut best_pass) = (f64::INFINITY, f64::INFINITY);
+    let (mut best, mut best_pass, mut passes) = (f64::INFINITY, f64::INFINITY, Vec::new());
     for _ in 0..arguments.rounds.max(1) {
         builder.finish()?;
         let start = Instant::now();
         builder.build()?;
         builder.finish()?;
         best = best.min(start.elapsed().as_secs_f64() * 1e3);
-        best_pass = builder.take_times()?.iter().fold(best_pass, |best, pass| best.min(pass.ms));
+        let times = builder.take_times()?;
+        best_pass = times.iter().fold(best_pass, |best, pass| best.min(pass.ms));
+        passes.extend(times);
     }
     let ms = if is_timed { best_pass } else { best };
-    Ok(((rows * items) as f64 / 1e6 / ms.max(1e-9), is_timed.then_some(best_pass)))
+    Ok(((rows * items) as f64 / 1e6 / ms.max(1e-9), passes))
 }

@@ -1,4 +1,4 @@
-//! `bench gpu`: a frame of temporal radiosity on a device, and the tables it draws from.
+//! `bench gpu`: a frame of temporal radiosity on a device, and the tables it draws from; passes of the other methods.
 //!
 //! Rows are seeded and as long as asked for; what they are is of no matter to the time, but for how far apart they look.
 
@@ -48,6 +48,10 @@ pub(super) fn measure(
     let [cdf, alias] = [Method::Cdf, Method::Alias]
         .map(|method| drawn(device, arguments, method, &mut residents, rounds, &mut passes));
     let ((step_ms, cdf_build_ms), (alias_step_ms, _)) = (cdf?, alias?);
+    // For what their passes take: a bounce, and a frame of shots at light that has just been turned on.
+    for method in [Method::Gather, Method::Hybrid] {
+        drawn(device, arguments, method, &mut residents, 1, &mut passes)?;
+    }
     Ok(StepFigures { step_ms, alias_step_ms, cdf_build_ms, passes })
 }
 
