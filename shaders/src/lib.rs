@@ -11,6 +11,7 @@
 pub mod host;
 pub mod kernel;
 pub mod limits;
+pub mod subgroups;
 
 /// Irradiance at a position and normal from a volume in storage buffers: `lookup_irradiance(position, normal)`.
 pub const LOOKUP_IRRADIANCE: &str = include_str!("../wgsl/common/lookup_irradiance.wgsl");

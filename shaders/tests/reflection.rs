@@ -6,6 +6,7 @@ use earthshine_shaders::LOOKUP_IRRADIANCE;
 use earthshine_shaders::host::LAYOUTS;
 use earthshine_shaders::kernel::{Access, Binding, KERNELS, Kernel, LIGHT_POINTS, TRACE_CLOSEST};
 use earthshine_shaders::limits::CONSTANTS;
+use earthshine_shaders::subgroups::{NUMBER_LANES, SUBGROUP_LANES_RANGE};
 use earthshine_volume::lookup::{AIR_FLOOR, NORMAL_OFFSET_VOXELS, SURFACE_WEIGHT, WEIGHT_MIN};
 use earthshine_volume::plane::{PLANE_REACH_VOXELS, PLANE_STEPS};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
@@ -13,9 +14,14 @@ use naga::{AddressSpace, Literal, StorageAccess, TypeInner};
 use std::collections::BTreeSet;
 
 fn parsed(source: &str) -> naga::Module {
+    parsed_for(source, Capabilities::default())
+}
+
+/// For devices of these capabilities.
+fn parsed_for(source: &str, capabilities: Capabilities) -> naga::Module {
     let module =
         naga::front::wgsl::parse_str(source).unwrap_or_else(|e| panic!("{}", e.emit_to_string(source)));
-    if let Err(error) = Validator::new(ValidationFlags::all(), Capabilities::default()).validate(&module) {
+    if let Err(error) = Validator::new(ValidationFlags::all(), capabilities).validate(&module) {
         panic!("{}", error.emit_to_string(source));
     }
     module
@@ -116,6 +122,29 @@ fn every_kernel_is_valid_and_agrees_with_rust() {
         let found = disagreements(kernel, &parsed(kernel.source));
         assert!(found.is_empty(), "{}: {found:#?}", kernel.name);
     }
+}
+
+/// Goal: kernels by way of subgroups are valid where there are any, and only there; they are what the others are but for how
+/// lanes add up. Method: every size of subgroups; the kernels that scan or add across a workgroup, by name.
+#[test]
+fn kernels_by_way_of_subgroups_agree_with_rust() {
+    let lanes = (2..=7).map(|bits| 1u32 << bits);
+    for (kernel, lanes) in KERNELS.iter().flat_map(|kernel| lanes.clone().map(move |lanes| (kernel, lanes))) {
+        assert!(SUBGROUP_LANES_RANGE.contains(&lanes));
+        let source = kernel.subgroup_source(lanes);
+        let is_shared =
+            ["lane_counts", "lane_sums", "firsts"].iter().any(|name| kernel.source.contains(name));
+        assert_eq!(source.is_some(), is_shared, "{}", kernel.name);
+        let Some(source) = source else { continue };
+        assert!(source.contains("subgroup") && !kernel.source.contains("subgroup"), "{}", kernel.name);
+        let module = parsed_for(&source, Capabilities::SUBGROUP);
+        assert_eq!(disagreements(kernel, &module), Vec::<String>::new(), "{}", kernel.name);
+        assert_eq!(constant(&module, "SUBGROUP_LANES"), Some(Literal::U32(lanes)));
+        let refused = Validator::new(ValidationFlags::all(), Capabilities::default()).validate(&module);
+        assert!(refused.is_err(), "{}", kernel.name);
+    }
+    let module = parsed_for(NUMBER_LANES.source, Capabilities::SUBGROUP);
+    assert_eq!(disagreements(&NUMBER_LANES, &module), Vec::<String>::new());
 }
 
 /// Goal: no kernel without a description, none described twice, no host struct that nothing uses.

@@ -1,10 +1,12 @@
 //! A device and what it runs: queue, compiled kernels, and whether it is still there.
 
 use crate::adapter::{AdapterChoice, GpuError, choose, instance, required_limits};
-use crate::pipeline::{Pipeline, compile_all};
+use crate::pipeline::{Pipeline, compile, compile_all};
 use crate::pipeline_cache::{Cache, CachedPipelines};
+use crate::subgroups;
 use crate::timing::{PassTime, PassTotal};
 use earthshine_radiosity::BackendError;
+use earthshine_shaders::subgroups::NUMBER_LANES;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use wgpu::{
@@ -41,7 +43,21 @@ struct Inner {
     loss: Arc<Loss>,
     binding_bytes_max: u64,
     has_timestamps: bool,
+    subgroup_lanes: Option<u32>,
     pass_totals: Mutex<BTreeMap<&'static str, PassTotal>>,
+}
+
+/// How much of an adapter is used.
+#[derive(Debug, Clone, Copy)]
+struct Limited {
+    binding_bytes_max: u64,
+    has_subgroups: bool,
+}
+
+impl Default for Limited {
+    fn default() -> Self {
+        Self { binding_bytes_max: u64::MAX, has_subgroups: true }
+    }
 }
 
 /// Of every buffer: no struct of the shaders is larger.
@@ -61,7 +77,15 @@ impl GpuDevice {
     /// # Errors
     /// [`GpuError`].
     pub fn open_within(choice: &AdapterChoice, binding_bytes_max: u64) -> Result<Self, GpuError> {
-        Ok(Self::open_storing(choice, binding_bytes_max, None)?.0)
+        Ok(Self::open_storing(choice, Limited { binding_bytes_max, ..Limited::default() }, None)?.0)
+    }
+
+    /// As [`Self::open`], with kernels that do without subgroups even where there are some: for tests of these.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn open_without_subgroups(choice: &AdapterChoice) -> Result<Self, GpuError> {
+        Ok(Self::open_storing(choice, Limited { has_subgroups: false, ..Limited::default() }, None)?.0)
     }
 
     /// As [`Self::open`], given the kernels that an earlier open compiled, whole as it gave them, or no bytes. Those of
@@ -70,19 +94,22 @@ impl GpuDevice {
     /// # Errors
     /// [`GpuError`].
     pub fn open_cached(choice: &AdapterChoice, stored: &[u8]) -> Result<(Self, CachedPipelines), GpuError> {
-        Self::open_storing(choice, u64::MAX, Some(stored))
+        Self::open_storing(choice, Limited::default(), Some(stored))
     }
 
     fn open_storing(
         choice: &AdapterChoice,
-        binding_bytes_max: u64,
+        within: Limited,
         stored: Option<&[u8]>,
     ) -> Result<(Self, CachedPipelines), GpuError> {
         let adapter = choose(&instance(), choice)?;
-        let name = adapter.get_info().name;
+        let info = adapter.get_info();
+        let lanes = subgroups::lanes_of(&info, adapter.features()).filter(|_| within.has_subgroups);
+        let name = info.name;
         let has_timestamps = adapter.features().contains(Features::TIMESTAMP_QUERY);
         let caching = if stored.is_some() { Features::PIPELINE_CACHE } else { Features::empty() };
-        let wanted = Features::TIMESTAMP_QUERY | caching;
+        let with_lanes = if lanes.is_some() { Features::SUBGROUP } else { Features::empty() };
+        let wanted = Features::TIMESTAMP_QUERY | caching | with_lanes;
         let required_limits = required_limits(&adapter.limits());
         let limit = required_limits.max_storage_buffer_binding_size.min(required_limits.max_buffer_size);
         let descriptor = DeviceDescriptor {
@@ -102,23 +129,42 @@ impl GpuDevice {
         // Every call is valid by construction, so what goes wrong is the device: it is of no more use.
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| on_error.note(error.to_string())));
         let cache = stored.map_or_else(Cache::none, |stored| Cache::new(&device, stored));
-        let pipelines = compile_all(&device, cache.wgpu.as_ref());
-        let cached = cache.finish(stored.unwrap_or_default());
-        if let Some(cause) = loss.cause() {
-            return Err(refused(cause));
-        }
-        let binding_bytes_max = limit.min(binding_bytes_max);
-        let inner = Inner {
-            name,
-            device,
-            queue,
-            pipelines,
-            loss,
-            binding_bytes_max,
-            has_timestamps,
-            pass_totals: Mutex::default(),
+        let with = |pipelines, subgroup_lanes| {
+            let inner = Inner {
+                name: name.clone(),
+                device: device.clone(),
+                queue: queue.clone(),
+                pipelines,
+                loss: Arc::clone(&loss),
+                binding_bytes_max: limit.min(within.binding_bytes_max),
+                has_timestamps,
+                subgroup_lanes,
+                pass_totals: Mutex::default(),
+            };
+            Self { inner: Arc::new(inner) }
         };
-        Ok((Self { inner: Arc::new(inner) }, cached))
+        let lanes = lanes.filter(|&lanes| {
+            let source = NUMBER_LANES.source.into();
+            let probe = compile(&device, &NUMBER_LANES, source, cache.wgpu.as_ref());
+            let probe = with(BTreeMap::from([(NUMBER_LANES.name, probe)]), None);
+            let in_order = subgroups::are_in_order(&probe, lanes);
+            if in_order != Ok(true) {
+                tracing::info!(adapter = %name, lanes, "subgroups are not in order: kernels do without them");
+            }
+            in_order == Ok(true)
+        });
+        let opened = with(compile_all(&device, lanes, cache.wgpu.as_ref()), lanes);
+        let cached = cache.finish(stored.unwrap_or_default());
+        match loss.cause() {
+            Some(cause) => Err(refused(cause)),
+            None => Ok((opened, cached)),
+        }
+    }
+
+    /// Lanes of a subgroup, where kernels use them.
+    #[must_use]
+    pub fn subgroup_lanes(&self) -> Option<u32> {
+        self.inner.subgroup_lanes
     }
 
     /// The adapter's name.

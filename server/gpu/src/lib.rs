@@ -42,6 +42,7 @@ mod receiver_tests;
 pub mod receivers;
 mod recorder;
 pub mod rows;
+mod subgroups;
 mod timing;
 #[cfg(test)]
 mod twins;

@@ -2,6 +2,7 @@
 
 use earthshine_shaders::host::Pass;
 use earthshine_shaders::kernel::{Access, KERNELS, Kernel};
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use wgpu::{
     BindGroupLayout, BindGroupLayoutDescriptor, BindGroupLayoutEntry, BindingType, BufferBindingType,
@@ -17,15 +18,26 @@ pub(crate) struct Pipeline {
     pub(crate) compute: ComputePipeline,
 }
 
-/// Compiles every kernel, or takes it from `cache`.
+/// Compiles every kernel, or takes it from `cache`; for subgroups of so many lanes, if any.
 pub(crate) fn compile_all(
     device: &Device,
+    subgroup_lanes: Option<u32>,
     cache: Option<&PipelineCache>,
 ) -> BTreeMap<&'static str, Pipeline> {
-    KERNELS.iter().map(|kernel| (kernel.name, compile(device, kernel, cache))).collect()
+    let source = |kernel: &Kernel| match subgroup_lanes.and_then(|lanes| kernel.subgroup_source(lanes)) {
+        Some(source) => Cow::Owned(source),
+        None => Cow::Borrowed(kernel.source),
+    };
+    KERNELS.iter().map(|kernel| (kernel.name, compile(device, kernel, source(kernel), cache))).collect()
 }
 
-fn compile(device: &Device, kernel: &Kernel, cache: Option<&PipelineCache>) -> Pipeline {
+/// Compiles one kernel from its source, or a variant of it.
+pub(crate) fn compile(
+    device: &Device,
+    kernel: &Kernel,
+    source: Cow<'static, str>,
+    cache: Option<&PipelineCache>,
+) -> Pipeline {
     let entries = (0..).zip(kernel.bindings).map(|(number, binding)| BindGroupLayoutEntry {
         binding: number,
         visibility: ShaderStages::COMPUTE,
@@ -51,7 +63,7 @@ fn compile(device: &Device, kernel: &Kernel, cache: Option<&PipelineCache>) -> P
         bind_group_layouts: &[Some(&layout)],
         immediate_size: 0,
     });
-    let source = ShaderModuleDescriptor { label, source: ShaderSource::Wgsl(kernel.source.into()) };
+    let source = ShaderModuleDescriptor { label, source: ShaderSource::Wgsl(source) };
     let checks = ShaderRuntimeChecks { int_div_checks: true, ..ShaderRuntimeChecks::unchecked() };
     // SAFETY: the kernels are ours, validated by naga in a test, loop over counts that the host gives, and index what the
     // host sizes from the same counts; callers' updates are checked by `UpdateCheck` before any of them is uploaded.

@@ -9,10 +9,10 @@ mod matrix;
 mod shots;
 mod tables;
 
-use crate::AdapterChoice;
 use crate::device::GpuDevice;
 use crate::readback::read_now;
 use crate::recorder::{Recorder, folded, uniform_buffer};
+use crate::AdapterChoice;
 use earthshine_shaders::host::{Link, LiveRow, Pass, Resident};
 use earthshine_shaders::kernel::{GATHER_RECEIVERS, KERNELS, Kernel, LIGHT_POINTS, TRACE_CLOSEST};
 use earthshine_shaders::limits::LANES;
@@ -42,11 +42,23 @@ struct Twin {
     holds: fn(&Bench<'_>, usize),
 }
 
-/// Holds kernels against their twins, at every size.
+/// Holds kernels against their twins, at every size, by way of subgroups and without.
 fn hold(twins: &[Twin]) {
     let Some(device) = device_or_skip() else { return };
+    hold_on(&device, twins);
+    match device.subgroup_lanes() {
+        Some(_) => {
+            let without = GpuDevice::open_without_subgroups(&any()).expect("there was one");
+            assert_eq!(without.subgroup_lanes(), None);
+            hold_on(&without, twins);
+        }
+        None => say("SKIPPED a test of kernels by way of subgroups: the adapter has none, or not in order"),
+    }
+}
+
+fn hold_on(device: &GpuDevice, twins: &[Twin]) {
     for (twin, n) in twins.iter().flat_map(|twin| SIZES.map(|n| (twin, n))) {
-        let bench = Bench { device: &device, ran: RefCell::default() };
+        let bench = Bench { device, ran: RefCell::default() };
         (twin.holds)(&bench, n);
         let named: BTreeSet<&str> = twin.kernels.iter().map(|kernel| kernel.name).collect();
         assert_eq!(bench.ran.into_inner(), named, "what a twin names is what it runs");
@@ -66,17 +78,23 @@ fn every_kernel_has_a_twin() {
     assert_eq!(named, described);
 }
 
+fn any() -> AdapterChoice {
+    AdapterChoice { allow_software: true, ..AdapterChoice::default() }
+}
+
 /// A device, or none with the reason printed; none is a failure where CI says so.
 pub(crate) fn device_or_skip() -> Option<GpuDevice> {
-    match GpuDevice::open(&AdapterChoice { allow_software: true, ..AdapterChoice::default() }) {
-        Ok(device) => Some(device),
-        Err(error) => {
+    GpuDevice::open(&any())
+        .inspect_err(|error| {
             assert!(std::env::var_os("EARTHSHINE_TEST_GPU_REQUIRED").is_none(), "{error}");
-            // Past the test harness, which swallows what passing tests print.
-            writeln!(std::io::stderr(), "SKIPPED a test of kernels: {error}").expect("standard error");
-            None
-        }
-    }
+            say(&format!("SKIPPED a test of kernels: {error}"));
+        })
+        .ok()
+}
+
+/// Past the test harness, which swallows what passing tests print.
+fn say(line: &str) {
+    writeln!(std::io::stderr(), "{line}").expect("standard error");
 }
 
 /// A device, and which kernels have run on it.

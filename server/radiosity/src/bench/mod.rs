@@ -55,6 +55,8 @@ pub struct ErrorPoint {
     pub exact_rel: f64,
     /// The same, of the sources' update.
     pub truncated_rel: f64,
+    /// The same, of exact updates of planes that are rounded to 16-bit floats after each block.
+    pub halved_rel: f64,
 }
 
 /// What was measured.
@@ -68,6 +70,8 @@ pub struct MatrixFigures {
     pub exact_frobenius_rel: f64,
     /// As `exact_error_rel`, of the sources' update.
     pub truncated_error_rel: f64,
+    /// As `exact_error_rel`, of planes that are rounded to 16-bit floats after each block.
+    pub halved_error_rel: f64,
     /// On the way.
     pub curve: Vec<ErrorPoint>,
     /// The drift probe after all swaps.
@@ -114,6 +118,7 @@ pub fn measure_matrix(params: MatrixBenchParams<'_>) -> Result<MatrixFigures, Ma
         exact_error_rel: accuracy.exact_rel,
         exact_frobenius_rel: accuracy.frobenius_rel,
         truncated_error_rel: accuracy.truncated_rel,
+        halved_error_rel: accuracy.halved_rel,
         curve: accuracy.curve,
         drift_rel: accuracy.drift_rel,
         repairs: accuracy.repairs,

@@ -23,6 +23,7 @@
 
 mod add;
 pub mod capacitance;
+mod halved;
 mod probe;
 mod product;
 mod remove;

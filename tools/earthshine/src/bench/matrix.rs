@@ -36,6 +36,8 @@ struct Figures {
     exact_frobenius_rel: f64,
     /// The sources' update, the same measure.
     truncated_error_rel: f64,
+    /// Exact updates, planes rounded to 16-bit floats after each block: the same measure.
+    halved_error_rel: f64,
     drift_rel: f64,
     repairs: u32,
     /// One patch out and one in, singly, all threads.
@@ -75,6 +77,7 @@ struct CurvePoint {
     swaps: u32,
     exact_rel: f64,
     truncated_rel: f64,
+    halved_rel: f64,
 }
 
 /// Runs the suite.
@@ -91,6 +94,7 @@ pub(crate) fn run(arguments: &MatrixArguments, json: bool) -> anyhow::Result<()>
         swaps: point.swaps,
         exact_rel: point.exact_rel,
         truncated_rel: point.truncated_rel,
+        halved_rel: point.halved_rel,
     };
     let figures = Figures {
         m,
@@ -100,6 +104,7 @@ pub(crate) fn run(arguments: &MatrixArguments, json: bool) -> anyhow::Result<()>
         exact_error_rel: measured.exact_error_rel,
         exact_frobenius_rel: measured.exact_frobenius_rel,
         truncated_error_rel: measured.truncated_error_rel,
+        halved_error_rel: measured.halved_error_rel,
         drift_rel: measured.drift_rel,
         repairs: measured.repairs,
         swap_ms: all.swap_ms,
@@ -140,9 +145,10 @@ fn print_text(arguments: &MatrixArguments, measured: &MatrixFigures) -> anyhow::
     out!("matrix of {m} slots, {:.1} MiB, blocks of {block}, seed {seed}", mebibytes(LocalMatrix::bytes(m)));
     out!("");
     out!("exactness, {} slots, {swaps} swaps, relative to a fresh f64 solve", measured.accuracy_m);
-    out!("  {:>10}  {:>12}  {:>16}", "swaps", "exact update", "sources' update");
+    out!("  {:>10}  {:>12}  {:>16}  {:>13}", "swaps", "exact update", "sources' update", "16-bit floats");
     for point in &measured.curve {
-        out!("  {:>10}  {:>12.2e}  {:>16.2e}", point.swaps, point.exact_rel, point.truncated_rel);
+        let [exact, truncated, halved] = [point.exact_rel, point.truncated_rel, point.halved_rel];
+        out!("  {:>10}  {exact:>12.2e}  {truncated:>16.2e}  {halved:>13.2e}", point.swaps);
     }
     out!("  drift after all: {:.2e} in {} repairs", measured.drift_rel, measured.repairs);
     out!("");
