@@ -4,6 +4,7 @@
 //! - `wgsl/common/lookup_irradiance.wgsl`: the lookup rule, for engines that read Earthshine's volumes in a shader.
 //! - `wgsl/kernels`: the compute kernels of the GPU backend, one entry point a file, named as the file; each names its
 //!   twin on the CPU. [`kernel`] describes their buffers, [`host`] their structs, [`limits`] their sizes.
+//! - `wgsl/subgroups`: what kernels do otherwise on devices with [`subgroups`].
 //!
 //! `tests/reflection.rs` has naga validate every source and compares names, offsets, types, bindings, access, workgroup
 //! sizes and constants with the Rust side: the two cannot drift apart.

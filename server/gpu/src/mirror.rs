@@ -80,8 +80,8 @@ fn run_that_differs<T: PartialEq>(held: &[T], wanted: &[T], first: usize) -> usi
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kernel_tests::device_or_skip;
     use crate::readback::read_now;
+    use crate::twins::device_or_skip;
 
     /// Goal: the device has what is wanted, and was told no more than what changed. Method: read back after each change.
     #[test]

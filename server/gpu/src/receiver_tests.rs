@@ -2,8 +2,8 @@
 
 use crate::AdapterChoice;
 use crate::device::GpuDevice;
-use crate::twins::device_or_skip;
 use crate::receivers::{GpuReceivers, ReceiversError};
+use crate::twins::device_or_skip;
 use earthshine_radiosity::receivers::{
     ColumnSpan, Gathering, NO_SOURCE, ReceiverGather, ReceiverLight, ReceiverRow, ReceiverSums,
     gather_receivers,

@@ -9,10 +9,10 @@ mod matrix;
 mod shots;
 mod tables;
 
+use crate::AdapterChoice;
 use crate::device::GpuDevice;
 use crate::readback::read_now;
 use crate::recorder::{Recorder, folded, uniform_buffer};
-use crate::AdapterChoice;
 use earthshine_shaders::host::{Link, LiveRow, Pass, Resident};
 use earthshine_shaders::kernel::{GATHER_RECEIVERS, KERNELS, Kernel, LIGHT_POINTS, TRACE_CLOSEST};
 use earthshine_shaders::limits::LANES;

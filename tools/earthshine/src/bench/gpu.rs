@@ -83,6 +83,8 @@ struct Figures {
     direct_error_rel: f64,
     alias_gitems_s: f64,
     has_timestamps: bool,
+    /// Lanes of a subgroup, where kernels use them.
+    subgroup_lanes: Option<u32>,
     passes: Vec<Pass>,
     vram_bytes: u64,
     /// A frame of temporal radiosity by cumulative tables.
@@ -168,6 +170,7 @@ pub(crate) fn run(arguments: &GpuBenchArguments, json: bool) -> anyhow::Result<(
         direct_error_rel: direct.direct_error_rel,
         alias_gitems_s,
         has_timestamps: bench.has_timestamps,
+        subgroup_lanes: device.subgroup_lanes(),
         passes,
         vram_bytes: memory::device_bytes(arguments.m),
         step_ms: step.step_ms,
