@@ -201,6 +201,26 @@ gpu_structs! {
         wanted: [u32; 2],
     }
 
+    /// Of 32 slots, a bit each.
+    NewsMarks {
+        /// Their light on the device is their patch's.
+        known: u32,
+        /// Nothing was told of the patch that is there.
+        fresh: u32,
+    }
+
+    /// What is told of a slot. The first of a list says how many follow, in place of a slot.
+    NewsEntry {
+        /// Whose light.
+        slot: u32,
+        /// lx.
+        red: f32,
+        /// lx.
+        green: f32,
+        /// lx.
+        blue: f32,
+    }
+
     /// Where one tree stands among others: rows of the map from the world into its frame.
     TreePlacement {
         /// With the offset last.

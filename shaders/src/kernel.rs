@@ -276,6 +276,18 @@ kernel!(
     [read("irradiance"), read("shot_words"), written("rest"), written("published")]
 );
 kernel!(
+    /// How many slots of each workgroup are news.
+    COUNT_NEWS = "count_news",
+    ["light_code", "news", "lane_scan"],
+    [read("light"), read("marks"), read("told"), written("group_counts")]
+);
+kernel!(
+    /// Lists what is news, and takes it for told.
+    LIST_NEWS = "list_news",
+    ["light_code", "news", "lane_scan"],
+    [read("light"), read("marks"), written("told"), read("group_counts"), written("news")]
+);
+kernel!(
     /// Draws from alias tables, blended with the past.
     DRAW_ALIAS = "draw_alias",
     ["row_span", "draw", "temporal"],
@@ -382,6 +394,8 @@ pub const KERNELS: &[Kernel] = &[
     SHOOT_LINKS,
     SEND_REST,
     PUBLISH_LIGHT,
+    COUNT_NEWS,
+    LIST_NEWS,
     DRAW_ALIAS,
     DRAW_CDF,
     TRACE_CLOSEST,

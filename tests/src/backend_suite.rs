@@ -6,6 +6,7 @@
 
 mod refusals;
 
+use crate::news_suite::news_conformance;
 use earthshine_radiosity::bench::Streamed;
 use earthshine_radiosity::closed_box::ClosedBox;
 use earthshine_radiosity::{ApplyStats, Backend, BackendError, Slot, Update};
@@ -51,6 +52,7 @@ pub fn backend_conformance_at(sizes: &[u32], make: impl Fn(u32) -> Box<dyn Backe
         a_repair_in_steps_ends_and_changes_nothing(&mut *fresh());
         refusals::a_loop_without_loss_is_refused_and_counted(&mut *fresh());
         refusals::errors_leave_no_trace(&mut *fresh());
+        news_conformance(fresh);
     }
 }
 

@@ -14,6 +14,7 @@
 //! | [`adapter`] | a device for the GPU backend, or a line that says why not |
 //! | [`backend_suite`] | what every [`Backend`](earthshine_radiosity::Backend) promises |
 //! | [`solver_suite`] | what every [`RowLight`](earthshine_radiosity::solver::RowLight) promises |
+//! | [`news_suite`] | what both promise of the light that they tell |
 //! | [`store_suite`] | what every [`TileStore`](earthshine_tiles::TileStore) promises |
 //! | [`shared`] | the shared scenes, or a line that says they are not there |
 
@@ -21,6 +22,7 @@ pub mod adapter;
 pub mod agreement;
 pub mod backend_suite;
 pub mod baked;
+pub mod news_suite;
 pub mod served;
 pub mod shared;
 pub mod solved;

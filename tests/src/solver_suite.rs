@@ -3,6 +3,7 @@
 //! It asks through the trait alone and holds light against the matrix of the CPU backend. Start at [`solver_conformance`]
 //! for methods that settle, at [`drawing_conformance`] for those that draw.
 
+use crate::news_suite::{Listener, news_conformance};
 use earthshine_radiosity::bench::Streamed;
 use earthshine_radiosity::closed_box::ClosedBox;
 use earthshine_radiosity::solver::row_light::RowLightFactory;
@@ -29,6 +30,7 @@ pub fn solver_conformance(make: MakeLight<'_>) {
         light_that_goes_off_and_on_returns(make, method);
         streaming_ends_at_the_matrix_of_who_is_there(make, method);
         a_soak_stays_exact(make, method);
+        news_conformance(|| Box::new(empty(make, 65, settings(method))));
     }
     for method in [Method::Progressive, Method::Hybrid] {
         a_step_of_light_takes_a_few_frames(make, method);
@@ -39,6 +41,7 @@ pub fn solver_conformance(make: MakeLight<'_>) {
         light_and_rows_that_cannot_be_are_refused(make, method);
     }
     methods_change_without_a_jump(make);
+    what_is_told_outlives_a_change_of_method(make);
 }
 
 /// Runs every promise of methods that draw.
@@ -320,6 +323,22 @@ fn methods_change_without_a_jump(make: MakeLight<'_>) {
             assert!(moved < 0.02, "to {method}: {moved}");
         }
         assert_eq!(pair.backend.method(), method);
+    }
+}
+
+/// Goal: whoever knows what one method told goes on with the next. Method: lamps change under each of some methods in turn,
+/// with a matrix that is kept all the time for audits, and told its own light before.
+fn what_is_told_outlives_a_change_of_method(make: MakeLight<'_>) {
+    let mut pair = Pair::new(make, settings(Method::Matrix));
+    assert_eq!(pair.backend.set_audited(true), Ok(true));
+    let mut listener = Listener::default();
+    let to = [Method::Matrix, Method::Hybrid, Method::Matrix, Method::Gather, Method::Progressive];
+    for (method, lamp) in to.into_iter().zip([10.0, 1.0, 10.0, 2.0, 2.0]) {
+        assert_eq!(pair.backend.set_solver(&settings(method)), Ok(true));
+        pair.shine(lamp, 1.0);
+        listener.hear_out(&mut pair.backend);
+        assert_eq!(pair.backend.method(), method);
+        listener.assert_knows(&mut pair.backend);
     }
 }
 

@@ -1,4 +1,4 @@
-//! What a camera has no light for: patches near it that are not resident, level by level.
+//! What a camera has no light for: patches near it that are not resident or not lit yet, level by level.
 //!
 //! It decides nothing. How far and how fast a camera is promised light is [`crate::promise`]'s business; here every tick
 //! is held against it.
@@ -12,7 +12,7 @@ use crate::stats::LEVELS;
 use earthshine_world::{PatchId, Vec3};
 use std::sync::Arc;
 
-/// Patches of one level within `radius_m` of `position` that hold no slot of `local`.
+/// Patches of one level within `radius_m` of `position` that `local` has no light of.
 ///
 /// Of a chunk that is not in memory all patches count as near: where they lie is not known. What the backend refused is
 /// counted elsewhere.
@@ -32,10 +32,10 @@ pub(crate) fn missing_near(
         let slots = local.and_then(|local| local.slots_of(id));
         for (patch, at) in tile.chunk.patches.iter().zip(0u16..) {
             let is_near = patch.centroid.distance_squared(position) <= radius_m * radius_m;
-            let is_held = || slots.is_some_and(|slots| slots.is_taken(usize::from(at)));
+            let light = || local?.resident(slots?.slot(usize::from(at))?).light.irradiance;
             let is_refused =
                 || local.is_some_and(|local| local.was_refused(PatchId { chunk: id, local: at }));
-            missing += u32::from(is_near && !is_held() && !is_refused());
+            missing += u32::from(is_near && light().is_none() && !is_refused());
         }
     }
     missing

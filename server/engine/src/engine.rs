@@ -168,7 +168,6 @@ impl Engine {
         let left_for_light = self.swap_patches();
         self.make_room(0);
         self.refresh_direct(left_for_light);
-        self.hold_promise();
         let settled = self.finish(commands);
         TickStats { done: self.counters.since(&before), settled }
     }
@@ -395,7 +394,7 @@ impl Engine {
         }
     }
 
-    /// Advances the light of every session and publishes what is new. Returns whether all are settled.
+    /// Advances the light of every session, holds the tick against the promise and publishes what is new. Returns whether all are settled.
     fn finish(&mut self, commands: &mut Vec<Command>) -> bool {
         let tick = self.counters.ticks;
         let mut lost = Vec::new();
@@ -407,6 +406,7 @@ impl Engine {
             }
         }
         self.gather_air();
+        self.hold_promise();
         for (&id, session) in &mut self.sessions {
             if lost.iter().any(|&(lost, _)| lost == id) {
                 continue;

@@ -34,7 +34,7 @@ pub struct PatchLight {
 pub struct LevelLight {
     /// 1 or more.
     pub level: u8,
-    /// Every resident patch, ascending by voxel (x, y, z), then direction.
+    /// Every resident patch whose light is known, ascending by voxel (x, y, z), then direction.
     pub patches: Arc<[PatchLight]>,
 }
 
@@ -65,7 +65,7 @@ pub struct Frame {
     pub time_s: f64,
     /// Edge of the voxels below, m.
     pub voxel_edge_m: f32,
-    /// Every resident patch of level 0, ascending by voxel (x, y, z), then direction.
+    /// Every resident patch of level 0 whose light is known, ascending by voxel (x, y, z), then direction.
     pub patches: Arc<[PatchLight]>,
     /// Light in empty air near the camera: receivers, ascending like `patches`. None is where a patch is resident.
     pub receivers: Arc<[PatchLight]>,

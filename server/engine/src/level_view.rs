@@ -216,7 +216,7 @@ impl LevelView {
     }
 
     /// Tends the matrix, gathers far light from `coarser` views (finest first; advanced before), hands changed sources
-    /// over, steps the backend and reads the light, if it is due. Returns whether the light changed in this tick, or whose it is.
+    /// over, steps the backend and takes its news, if it is due. Returns whether the light changed in this tick, or whose it is.
     ///
     /// # Errors
     /// Whatever a backend says: it is of no more use.
@@ -386,7 +386,7 @@ impl LevelView {
                     local.sort_for_frames();
                     local
                         .in_frame_order()
-                        .map(|resident| patch_light(resident, voxel_edge_m, &relight))
+                        .filter_map(|resident| patch_light(resident, voxel_edge_m, &relight))
                         .collect()
                 }
                 None => Vec::new(),
@@ -400,16 +400,17 @@ impl LevelView {
     }
 }
 
-fn patch_light(resident: &Resident, voxel_edge_m: f32, relight: &Relight<'_>) -> PatchLight {
-    PatchLight {
+/// Nothing of a patch that the backend has said nothing of yet: a client takes the coarser level's light meanwhile.
+fn patch_light(resident: &Resident, voxel_edge_m: f32, relight: &Relight<'_>) -> Option<PatchLight> {
+    Some(PatchLight {
         voxel: resident.patch.voxel,
         direction: resident.patch.direction,
-        irradiance: resident.light.irradiance,
+        irradiance: resident.light.irradiance?,
         sky_irradiance: resident.light.sky_irradiance(),
         plane_offset: Some(resident.patch.plane_offset(voxel_edge_m)),
         known_share: resident.parts().known(),
         far_share: resident.parts().far.clamp(0.0, 1.0),
         fed_share: resident.fed_share.clamp(0.0, 1.0),
         staleness: relight.staleness(&resident.light),
-    }
+    })
 }

@@ -53,6 +53,8 @@ pub(crate) struct LocalSet {
     /// Slots in the order of frames; rebuilt when patches have come or gone.
     order: Vec<u32>,
     is_order_old: bool,
+    /// Room for what the backend tells.
+    pub(crate) news: Vec<(Slot, Rgb)>,
     /// Whether the backend's matrix or sources changed after its last step.
     pub(crate) needs_step: bool,
     pub(crate) swaps_since_probe: u32,
@@ -94,6 +96,7 @@ impl LocalSet {
             far: is_fed.then(FarField::default),
             order: Vec::new(),
             is_order_old: false,
+            news: Vec::new(),
             needs_step: false,
             swaps_since_probe: 0,
             is_repairing: false,

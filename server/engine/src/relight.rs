@@ -41,8 +41,8 @@ pub(crate) struct SlotLight {
     sky_irradiance: Rgb,
     /// What arrives from the patches that are not resident, by their parents, lx.
     pub(crate) far_irradiance: Rgb,
-    /// What the backend last said, lx.
-    pub(crate) irradiance: Rgb,
+    /// What the backend last said, lx; nothing before the first time.
+    pub(crate) irradiance: Option<Rgb>,
 }
 
 impl SlotLight {
@@ -59,7 +59,8 @@ impl SlotLight {
     /// What leaves `patch`, emitted and reflected, as far as the backend has said, lm/m2.
     pub(crate) fn exitance(&self, patch: &Patch) -> Rgb {
         let direct = self.sources.map_or(Rgb::ZERO, |(direct, _)| direct);
-        direct + patch.reflectance.min(Rgb::splat(Patch::REFLECTANCE_MAX)) * self.irradiance
+        direct
+            + patch.reflectance.min(Rgb::splat(Patch::REFLECTANCE_MAX)) * self.irradiance.unwrap_or(Rgb::ZERO)
     }
 }
 
@@ -227,7 +228,7 @@ pub(crate) fn set_sources(local: &mut LocalSet, rig: &LightRig) -> Result<Source
     Ok(SourcesSet { changed, limited })
 }
 
-/// Steps the backend and reads its light back, if there is reason to. Returns whether any of it is another, to the bit.
+/// Steps the backend and takes what it has to tell, if there is reason to. Returns whether any light is another, to the bit.
 ///
 /// # Errors
 /// Whatever the backend says: it is of no more use.
@@ -236,17 +237,16 @@ pub(crate) fn step(local: &mut LocalSet) -> Result<bool, BackendError> {
         return Ok(false);
     }
     local.backend.step()?;
-    let slots: Vec<Slot> = local.iter().map(|(slot, _)| Slot(slot)).collect();
-    let mut irradiance = vec![Rgb::ZERO; slots.len()];
-    local.backend.read_irradiance(&slots, &mut irradiance)?;
+    let mut news = std::mem::take(&mut local.news);
+    local.backend.take_news(&mut news)?;
     let mut changed = false;
-    for (slot, irradiance) in slots.into_iter().zip(irradiance) {
+    for (slot, irradiance) in news.drain(..) {
         // Rounding may leave a little less than nothing.
-        let irradiance = irradiance.max(Rgb::ZERO);
-        let light = &mut local.resident_mut(slot.0).light;
-        changed |= light.irradiance != irradiance;
-        light.irradiance = irradiance;
+        let irradiance = Some(irradiance.max(Rgb::ZERO));
+        changed |=
+            std::mem::replace(&mut local.resident_mut(slot.0).light.irradiance, irradiance) != irradiance;
     }
+    local.news = news;
     Ok(changed)
 }
 

@@ -3,7 +3,7 @@
 
 use crate::device::GpuDevice;
 use crate::matrix::GpuMatrix;
-use crate::readback::Readback;
+use crate::news::News;
 use crate::timing::PassTime;
 use earthshine_radiosity::local_matrix::Arrival;
 use earthshine_radiosity::slot_check::{self, Interest};
@@ -16,21 +16,21 @@ use earthshine_world::random::{Purpose, hash, unit_f32};
 
 /// A local matrix on a device.
 ///
-/// A step is handed to the device and not waited for; its light is on its way to the host at once, and
-/// [`Backend::read_irradiance`] waits only for what has not arrived. Updates wait for the device once a block of 32.
+/// A step is handed to the device and not waited for. What of its light is news goes to the host at once, and
+/// [`Backend::take_news`] takes what has arrived; [`Backend::read_irradiance`] copies all of it and waits. Updates wait for
+/// the device once a block of 32.
 #[derive(Debug)]
 pub struct GpuBackend {
     matrix: GpuMatrix,
     check: UpdateCheck,
-    readback: Readback,
+    news: News,
     /// Sources, a channel after the other, rows of a vector each; changed since they were uploaded.
     own: Vec<f32>,
     outside: Vec<f32>,
     are_sources_new: bool,
-    /// The newest light that arrived, as `own`.
+    /// Light as it was read last, as `own`; and whether that is the light of the last step.
     irradiance: Vec<f32>,
-    /// Slots whose light on the device is theirs: evaluated since their patch entered.
-    has_light: Vec<bool>,
+    is_read: bool,
     interest: Interest,
     /// Slots that the last step evaluated.
     current: Vec<bool>,
@@ -59,12 +59,12 @@ impl GpuBackend {
         let (slots, rows) = (capacity as usize, matrix.rows());
         Ok(Self {
             check: UpdateCheck::new(slots),
-            readback: Readback::new(device, matrix.irradiance().size())?,
+            news: News::new(device, slots, 0)?,
             own: vec![0.0; 3 * rows],
             outside: vec![0.0; 3 * rows],
             are_sources_new: false,
             irradiance: vec![0.0; 3 * rows],
-            has_light: vec![false; slots],
+            is_read: true,
             interest: Interest::default(),
             current: vec![false; slots],
             lit_columns: 0,
@@ -129,7 +129,8 @@ impl GpuBackend {
             let at = slot.0 as usize;
             Self::put(&mut self.own, at, Rgb::ZERO);
             Self::put(&mut self.outside, at, Rgb::ZERO);
-            self.has_light[at] = false;
+            self.current[at] = false;
+            self.news.forget(at);
         }
         self.are_sources_new |= !leaving.is_empty();
         stats.added += kept.count_ones();
@@ -204,6 +205,11 @@ impl Backend for GpuBackend {
         if !recomputed {
             return Ok(StepStats { lit_columns: self.lit_columns, recomputed });
         }
+        self.news.make_room(self.matrix.device())?;
+        if !self.news.is_coming() {
+            // The times of a frame are read where nobody waits for them.
+            self.matrix.end_frame()?;
+        }
         self.matrix.begin_frame()?;
         let lit: Vec<bool> = (0..slots).map(|slot| self.is_lit(slot)).collect();
         let wanted: Vec<bool> = (0..slots).map(is_wanted).collect();
@@ -214,10 +220,13 @@ impl Backend for GpuBackend {
         if std::mem::take(&mut self.are_sources_new) {
             self.matrix.upload_sources(&self.own, &self.outside);
         }
-        self.matrix.step(&selection, &mut self.readback)?;
-        for (slot, has_light) in self.has_light.iter_mut().enumerate() {
-            *has_light |= wanted[slot] && self.matrix.is_taken(Slot(slot as u32));
+        for slot in (0..slots).filter(|&slot| is(&wanted, slot as u32)) {
+            if self.matrix.is_taken(Slot(slot as u32)) {
+                self.news.know(slot);
+            }
         }
+        self.matrix.step(&selection, &mut self.news)?;
+        self.is_read = false;
         self.current = wanted;
         self.changed = false;
         self.lit_columns = lit.iter().filter(|&&lit| lit).count() as u32;
@@ -227,16 +236,26 @@ impl Backend for GpuBackend {
     fn read_irradiance(&mut self, slots: &[Slot], out: &mut [Rgb]) -> Result<(), BackendError> {
         slot_check::one_each(slots, out.len())?;
         slot_check::all_taken(slots, self.capacity(), |slot| self.is_taken(slot))?;
-        let irradiance = &mut self.irradiance;
-        let newest =
-            |bytes: &[u8]| irradiance.copy_from_slice(&bytemuck::pod_collect_to_vec::<u8, f32>(bytes));
-        self.readback.fetch(self.matrix.device(), newest)?;
-        self.matrix.end_frame()?;
+        self.matrix.device().check()?;
+        if !self.is_read {
+            self.irradiance = self.matrix.irradiance()?;
+            self.is_read = true;
+            self.news.wait(self.matrix.device())?;
+            self.matrix.end_frame()?;
+        }
         for (slot, out) in slots.iter().zip(out) {
             let at = slot.0 as usize;
-            *out = if self.has_light[at] { Self::rgb(&self.irradiance, at) } else { Rgb::ZERO };
+            *out = if self.news.is_known(at) { Self::rgb(&self.irradiance, at) } else { Rgb::ZERO };
         }
         Ok(())
+    }
+
+    fn take_news(&mut self, news: &mut Vec<(Slot, Rgb)>) -> Result<(), BackendError> {
+        self.news.take(self.matrix.device(), news)
+    }
+
+    fn is_settled(&self) -> bool {
+        !self.news.is_coming()
     }
 
     /// Infinite if the device is lost. Waits for the device.

@@ -1,6 +1,7 @@
 //! A device and what it runs: queue, compiled kernels, and whether it is still there.
 
 use crate::adapter::{AdapterChoice, GpuError, choose, instance, required_limits};
+use crate::news::NewsTotals;
 use crate::pipeline::{Pipeline, compile, compile_all};
 use crate::pipeline_cache::{Cache, CachedPipelines};
 use crate::subgroups;
@@ -45,6 +46,7 @@ struct Inner {
     has_timestamps: bool,
     subgroup_lanes: Option<u32>,
     pass_totals: Mutex<BTreeMap<&'static str, PassTotal>>,
+    news_totals: Mutex<NewsTotals>,
 }
 
 /// How much of an adapter is used.
@@ -140,6 +142,7 @@ impl GpuDevice {
                 has_timestamps,
                 subgroup_lanes,
                 pass_totals: Mutex::default(),
+                news_totals: Mutex::default(),
             };
             Self { inner: Arc::new(inner) }
         };
@@ -209,6 +212,21 @@ impl GpuDevice {
         }
     }
 
+    /// What has come to the host of the light that changed, of all backends on this device.
+    #[must_use]
+    pub fn news_totals(&self) -> NewsTotals {
+        *self.inner.news_totals.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(crate) fn note_news(&self, more: NewsTotals) {
+        let mut totals = self.inner.news_totals.lock().unwrap_or_else(PoisonError::into_inner);
+        totals.frames += more.frames;
+        totals.entries += more.entries;
+        totals.bytes += more.bytes;
+        totals.late_frames += more.late_frames;
+        totals.waits += more.waits;
+    }
+
     pub(crate) fn wgpu(&self) -> &Device {
         &self.inner.device
     }
@@ -274,6 +292,17 @@ impl GpuDevice {
     pub(crate) fn wait(&self, submission: SubmissionIndex) -> Result<(), BackendError> {
         let wait = PollType::Wait { submission_index: Some(submission), timeout: None };
         if let Err(error) = self.inner.device.poll(wait) {
+            self.inner.loss.note(error.to_string());
+        }
+        self.check()
+    }
+
+    /// Runs the callbacks of maps that are there; waits for none.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`].
+    pub(crate) fn poll(&self) -> Result<(), BackendError> {
+        if let Err(error) = self.inner.device.poll(PollType::Poll) {
             self.inner.loss.note(error.to_string());
         }
         self.check()

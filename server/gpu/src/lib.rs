@@ -8,7 +8,7 @@
 //!
 //! apply:  scatter rows ▶ gather G x rows ▶ combine ▶ return_light ──204 KiB──▶ host: 32 x 32 in f64
 //!         times_small ▶ rank_update (three planes) ▶ write_columns (four planes) ◀──36 KiB───┘
-//! step:   emit_exitance ▶ multiply_tiles (three planes) ▶ sum_tiles ──12 M bytes──▶ host, mapped when it is asked for
+//! step:   emit_exitance ▶ multiply_tiles (three planes) ▶ sum_tiles ▶ news ┄┄16 bytes a slot that changed┄┄▶ host, not waited for
 //! ```
 //!
 //! Four planes are held, each the lower triangle of a symmetric matrix in tiles as on the CPU: `G = A H` of three
@@ -18,9 +18,10 @@
 //! No kernel uses float atomics and every sum has one order: the same calls give the same bits on the same device and
 //! driver. Other devices round differently.
 //!
-//! Start at [`adapter`], then [`GpuBackend`]; `matrix` holds the passes, `recorder` how one is run. [`rows`] advances light
-//! over sparse rows, by any method but the matrix; [`alias`] builds tables by themselves, to measure. [`rays`] follows
-//! rays through the CPU's trees, [`direct`] lights patches through those of resident chunks, [`receivers`] gathers light in the air and of detail. [`copy_bench`] is what kernels are measured against.
+//! Start at [`adapter`], then [`GpuBackend`]; `matrix` holds the passes, `recorder` how one is run. [`news`] is what comes
+//! back of a step's light. [`rows`] advances light over sparse rows, by any method but the matrix; [`alias`] builds tables
+//! by themselves, to measure. [`rays`] follows rays through the CPU's trees, [`direct`] lights patches through those of
+//! resident chunks, [`receivers`] gathers light in the air and of detail. [`copy_bench`] is what kernels are measured against.
 
 pub mod adapter;
 pub mod alias;
@@ -32,6 +33,7 @@ pub mod direct;
 mod matrix;
 pub mod memory;
 mod mirror;
+pub mod news;
 mod pipeline;
 mod pipeline_cache;
 mod plane;
@@ -51,6 +53,7 @@ pub mod work;
 pub use adapter::{AdapterChoice, AdapterReport, GpuError};
 pub use backend::GpuBackend;
 pub use device::GpuDevice;
+pub use news::NewsTotals;
 pub use pipeline_cache::{CachedPipelines, Given};
 pub use rows::GpuRowLight;
 pub use timing::{PassTime, PassTotal};

@@ -1,5 +1,6 @@
 //! What a matrix of so many slots takes on a device, and how many slots fit.
 
+use crate::news::{self, FLIGHTS_MAX};
 use crate::plane::stripe_at;
 use earthshine_radiosity::LocalMatrix;
 use earthshine_shaders::limits::{BLOCK, RETURN_BANDS, SECTIONS, TILE_EDGE};
@@ -34,7 +35,8 @@ pub fn device_bytes(slots: u32) -> u64 {
     let vectors = rows * (16 + 6 * 12);
     let lists = stripes(slots) * (stripes(slots) + 1) * 2 + stripes(slots) * 20;
     let small = u64::from(BLOCK).pow(2) * 4 * (9 + 3 + 3 * u64::from(RETURN_BANDS));
-    PLANES * plane_bytes(slots) + tile_sums_bytes(slots) + blocks + vectors + lists + small
+    let news = FLIGHTS_MAX as u64 * news::list_bytes(slots) + 5 * u64::from(slots);
+    PLANES * plane_bytes(slots) + tile_sums_bytes(slots) + blocks + vectors + lists + small + news
 }
 
 /// Most slots whose planes fit into one binding each.

@@ -3,38 +3,71 @@
 use crate::device::GpuDevice;
 use earthshine_radiosity::BackendError;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use wgpu::{Buffer, BufferUsages, CommandEncoder, MapMode, PollType, SubmissionIndex};
+use std::sync::atomic::{AtomicU8, Ordering};
+use wgpu::{Buffer, BufferUsages, CommandEncoder, MapMode, SubmissionIndex};
+
+/// Whether a copy can be read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub(crate) enum Arrival {
+    Coming,
+    Here,
+    /// The device is of no more use.
+    Failed,
+}
 
 /// A buffer that the host can read, and whether it may yet.
 #[derive(Debug)]
-struct Staging {
+pub(crate) struct Staging {
     buffer: Buffer,
-    bytes: u64,
-    is_mapped: Arc<AtomicBool>,
+    arrival: Arc<AtomicU8>,
 }
 
 impl Staging {
-    fn new(device: &GpuDevice, bytes: u64) -> Result<Self, BackendError> {
+    pub(crate) fn new(device: &GpuDevice, bytes: u64) -> Result<Self, BackendError> {
         let usage = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
         let buffer = device.buffer("readback", bytes, usage)?;
-        Ok(Self { buffer, bytes, is_mapped: Arc::default() })
+        Ok(Self { buffer, arrival: Arc::default() })
     }
 
-    /// Asks for the map; it is there once the submission that fills the buffer is done and the device was polled.
-    fn map(&self) {
-        self.is_mapped.store(false, Ordering::Release);
-        let is_mapped = Arc::clone(&self.is_mapped);
-        self.buffer.map_async(MapMode::Read, 0..self.bytes, move |result| {
-            is_mapped.store(result.is_ok(), Ordering::Release);
+    pub(crate) fn buffer(&self) -> &Buffer {
+        &self.buffer
+    }
+
+    /// Asks for the map of the first `bytes` bytes; it is there once the submission that fills them is done and the device
+    /// was polled.
+    pub(crate) fn map(&self, bytes: u64) {
+        self.arrival.store(Arrival::Coming as u8, Ordering::Release);
+        let arrival = Arc::clone(&self.arrival);
+        self.buffer.map_async(MapMode::Read, 0..bytes, move |result| {
+            let found = if result.is_ok() { Arrival::Here } else { Arrival::Failed };
+            arrival.store(found as u8, Ordering::Release);
         });
     }
 
-    fn take(&self, device: &GpuDevice, read: impl FnOnce(&[u8])) -> Result<(), BackendError> {
-        if !self.is_mapped.load(Ordering::Acquire) {
+    /// Of the map that was asked for last.
+    pub(crate) fn arrival(&self) -> Arrival {
+        match self.arrival.load(Ordering::Acquire) {
+            of if of == Arrival::Coming as u8 => Arrival::Coming,
+            of if of == Arrival::Here as u8 => Arrival::Here,
+            _ => Arrival::Failed,
+        }
+    }
+
+    /// Hands the first `bytes` bytes, which were mapped, to `read`.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`], also if they have not arrived.
+    pub(crate) fn take(
+        &self,
+        device: &GpuDevice,
+        bytes: u64,
+        read: impl FnOnce(&[u8]),
+    ) -> Result<(), BackendError> {
+        if self.arrival() != Arrival::Here {
             return Err(device.lose("a buffer could not be read"));
         }
-        match self.buffer.get_mapped_range(0..self.bytes) {
+        match self.buffer.get_mapped_range(0..bytes) {
             Ok(view) => read(&view),
             Err(error) => return Err(device.lose(&error.to_string())),
         }
@@ -58,10 +91,10 @@ pub(crate) fn read_now(
     work(&mut encoder);
     encoder.copy_buffer_to_buffer(source, 0, &staging.buffer, 0, bytes);
     let submission = device.queue().submit([encoder.finish()]);
-    staging.map();
+    staging.map(bytes);
     device.wait(submission)?;
     let mut out = Vec::new();
-    staging.take(device, |view| out.extend_from_slice(view))?;
+    staging.take(device, bytes, |view| out.extend_from_slice(view))?;
     Ok(out)
 }
 
@@ -70,6 +103,7 @@ pub(crate) fn read_now(
 #[derive(Debug)]
 pub(crate) struct Readback {
     staging: [Staging; 2],
+    bytes: u64,
     /// Which of them the newest copy goes to, and what to wait for; none when it was fetched.
     pending: Option<(usize, SubmissionIndex)>,
     next: usize,
@@ -81,6 +115,7 @@ impl Readback {
     pub(crate) fn new(device: &GpuDevice, bytes: u64) -> Result<Self, BackendError> {
         Ok(Self {
             staging: [Staging::new(device, bytes)?, Staging::new(device, bytes)?],
+            bytes,
             pending: None,
             next: 0,
         })
@@ -100,7 +135,7 @@ impl Readback {
     }
 
     pub(crate) fn submitted(&mut self, submission: SubmissionIndex) {
-        self.staging[self.next].map();
+        self.staging[self.next].map(self.bytes);
         self.pending = Some((self.next, submission));
         self.next = 1 - self.next;
     }
@@ -109,8 +144,7 @@ impl Readback {
     pub(crate) fn is_here(&self, device: &GpuDevice) -> bool {
         let Some((at, _)) = &self.pending else { return false };
         // What a device has to say of its end is said by whoever fetches.
-        let _ = device.wgpu().poll(PollType::Poll);
-        self.staging[*at].is_mapped.load(Ordering::Acquire)
+        device.poll().is_ok() && self.staging[*at].arrival() == Arrival::Here
     }
 
     /// Hands the newest copy to `read` if it was not fetched yet; waits for it if it is still on its way.
@@ -122,7 +156,7 @@ impl Readback {
             None => device.check(),
             Some((at, submission)) => {
                 device.wait(submission)?;
-                self.staging[at].take(device, read)
+                self.staging[at].take(device, self.bytes, read)
             }
         }
     }

@@ -82,6 +82,11 @@ impl<'a> Recorder<'a> {
         commands.dispatch_workgroups(grid[0], grid[1], grid[2]);
     }
 
+    /// Writes to the beginning of a buffer before the submission runs.
+    pub(crate) fn write<T: bytemuck::NoUninit>(&self, buffer: &Buffer, values: &[T]) {
+        self.device.queue().write_buffer(buffer, 0, bytemuck::cast_slice(values));
+    }
+
     /// Zeroes a buffer.
     pub(crate) fn clear(&mut self, buffer: &Buffer) {
         self.encoder.clear_buffer(buffer, 0, None);

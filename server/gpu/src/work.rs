@@ -61,7 +61,9 @@ pub(crate) fn work(kernel: &Kernel, pass: &Pass, items: u64) -> Option<Work> {
         "take_gathered" => each(NUMBER + if is_shot { 6.0 } else { 4.0 } * LIGHT, 16.0),
         "measure_light" => each(if is_shot { 4.0 } else { 2.0 } * LIGHT, 20.0),
         "sum_light" => each(2.0 * LIGHT, 8.0),
-        "publish_light" => each(4.0 * LIGHT, 4.0),
+        "publish_light" => each(3.0 * LIGHT + 3.0 * NUMBER, 3.0),
+        // Light, the code told, two bits. What is news comes on top of it, and the device decides how much that is.
+        "count_news" | "list_news" => each(4.25 * NUMBER, 12.0),
         // A build, a row's place, a span, a sky share, a sum; of an item a link, an outcome, a weight that is summed.
         "fill_tables" => both((13.0 * NUMBER, 4.0), (4.0 * NUMBER, 2.0)),
         // Of an item its weight, its mass, its place and sum among the light or heavy, its bin.

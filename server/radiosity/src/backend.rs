@@ -174,6 +174,25 @@ pub trait Backend: Send {
     /// [`BackendError::Length`] if the slices differ in length; [`BackendError::SlotFree`].
     fn read_irradiance(&mut self, slots: &[Slot], out: &mut [Rgb]) -> Result<(), BackendError>;
 
+    /// Appends to `news` the slots, all taken, whose irradiance (lx) is another than what this method said of them last, and
+    /// that irradiance. A patch that has come since is news once a step has evaluated it, even if it is dark. A slot may be
+    /// there twice: the later entry counts.
+    ///
+    /// Beside [`read_irradiance`](Self::read_irradiance), which is exact and waits, this is for every frame. What is told
+    /// is whole, the light of one step and never parts of two; it may be behind by a few steps, and
+    /// [`is_settled`](Self::is_settled) is false while more is on its way; and it may leave out changes that are too small to
+    /// be published, but never their sum. The default tells of every slot, news or not.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`], [`BackendError::NotANumber`]: `news` is as it was.
+    fn take_news(&mut self, news: &mut Vec<(Slot, Rgb)>) -> Result<(), BackendError> {
+        let slots: Vec<Slot> = (0..self.capacity()).map(Slot).filter(|&slot| self.is_taken(slot)).collect();
+        let mut light = vec![Rgb::ZERO; slots.len()];
+        self.read_irradiance(&slots, &mut light)?;
+        news.extend(slots.into_iter().zip(light));
+        Ok(())
+    }
+
     /// Writes the row of `H` of a taken slot, colours and all, to `row`. O(M).
     ///
     /// # Errors
@@ -184,8 +203,9 @@ pub trait Backend: Send {
         Err(BackendError::NoRows)
     }
 
-    /// Whether another step without any change would leave the light as it is, to the bit. A matrix settles in one step;
-    /// methods that go on by themselves have to be stepped until then.
+    /// Whether another step without any change would leave the light as it is, to the bit, and no news of it is on its way
+    /// ([`take_news`](Self::take_news)). A matrix settles in one step; methods that go on by themselves have to be stepped
+    /// until then.
     fn is_settled(&self) -> bool {
         true
     }

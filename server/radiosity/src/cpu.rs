@@ -7,6 +7,7 @@ use crate::backend::{ApplyStats, Backend, BackendError, Repaired, Slot, StepStat
 use crate::dense::DenseError;
 use crate::local_matrix::{Arrival, CapacityError, LocalMatrix};
 use crate::slot_check::{self, Interest};
+use crate::told::Told;
 use crate::update_check::UpdateCheck;
 use earthshine_world::Rgb;
 
@@ -17,6 +18,7 @@ pub struct CpuBackend {
     direct_exitance: Vec<Rgb>,
     outside_irradiance: Vec<Rgb>,
     irradiance: Vec<Rgb>,
+    told: Told,
     /// `E + rho g` of one channel.
     sent: Vec<f32>,
     /// `H` times that.
@@ -42,6 +44,7 @@ impl CpuBackend {
             direct_exitance: vec![Rgb::ZERO; slots],
             outside_irradiance: vec![Rgb::ZERO; slots],
             irradiance: vec![Rgb::ZERO; slots],
+            told: Told::new(slots),
             sent: vec![0.0; slots],
             received: vec![0.0; slots],
             check: UpdateCheck::new(slots),
@@ -93,6 +96,8 @@ impl CpuBackend {
             self.direct_exitance[at] = Rgb::ZERO;
             self.outside_irradiance[at] = Rgb::ZERO;
             self.irradiance[at] = Rgb::ZERO;
+            self.told.forget(at);
+            self.current[at] = false;
         }
         stats.added += kept.count_ones();
         stats.weak_pivots += arrival_count as u32 - kept.count_ones();
@@ -125,6 +130,8 @@ impl Backend for CpuBackend {
         for light in [&mut self.direct_exitance, &mut self.outside_irradiance, &mut self.irradiance] {
             light.fill(Rgb::ZERO);
         }
+        self.told.forget_all();
+        self.current.fill(false);
         self.changed = true;
         Ok(())
     }
@@ -188,6 +195,14 @@ impl Backend for CpuBackend {
         for (slot, out) in slots.iter().zip(out) {
             *out = self.irradiance[slot.0 as usize];
         }
+        Ok(())
+    }
+
+    fn take_news(&mut self, news: &mut Vec<(Slot, Rgb)>) -> Result<(), BackendError> {
+        let Self { matrix, irradiance, current, told, .. } = self;
+        // What the last step left out is as it was.
+        let evaluated = matrix.taken_slots().filter(|slot| current[slot.0 as usize]);
+        told.tell(evaluated.map(|slot| (slot, irradiance[slot.0 as usize])), news);
         Ok(())
     }
 

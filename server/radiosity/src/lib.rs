@@ -46,6 +46,7 @@ pub mod slot_check;
 pub mod solver;
 pub mod tables;
 mod tile_kernel;
+pub mod told;
 pub mod update_check;
 
 pub use backend::{

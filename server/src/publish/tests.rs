@@ -6,6 +6,16 @@ use earthshine_world::{Direction, random};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+/// Goal: a device tells what the published code of is another. Method: its unit is this one; its codes are held against
+/// `rgb9e5` by the tests of `earthshine-gpu`.
+#[test]
+fn the_unit_of_light_is_the_devices() {
+    let declared = format!("const LIGHT_UNIT_LX: f32 = {LIGHT_UNIT_LX:?};");
+    for kernel in [earthshine_shaders::kernel::COUNT_NEWS, earthshine_shaders::kernel::LIST_NEWS] {
+        assert!(kernel.source.contains(&declared), "{} does not say {declared}", kernel.name);
+    }
+}
+
 fn frame(lights: &[(IVec3, f32)]) -> Frame {
     static NUMBER: AtomicU64 = AtomicU64::new(1);
     let mut patches: Vec<_> = lights

@@ -1,10 +1,11 @@
-// Light and what a hybrid estimates beside it, which is nothing where what is unshot is not worth a draw. One thread a slot.
+// Light and what a hybrid estimates beside it, which is nothing where what is unshot is not worth a draw; a channel after
+// the other. One thread a slot.
 // CPU twin: `radiosity::solver::CpuRowLight`'s `published`.
 
 @group(0) @binding(1) var<storage, read> irradiance: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> shot_words: array<u32>;
 @group(0) @binding(3) var<storage, read_write> rest: array<vec4<f32>>;
-@group(0) @binding(4) var<storage, read_write> published: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read_write> published: array<f32>;
 
 // Below this share of all light the rest is not worth a draw.
 const UNSHOT_MIN: f32 = 1e-3;
@@ -21,5 +22,9 @@ fn publish_light(
     if bitcast<f32>(shot_words[SHOT_UNSHOT_SHARE]) <= UNSHOT_MIN {
         rest[slot] = vec4<f32>(0.0);
     }
-    published[slot] = irradiance[slot] + rest[slot];
+    let light = irradiance[slot] + rest[slot];
+    let stride = pass_of.channel_stride;
+    published[slot] = light.x;
+    published[stride + slot] = light.y;
+    published[2u * stride + slot] = light.z;
 }

@@ -22,10 +22,12 @@ pub(crate) enum Flaw {
     DropsColumns,
     /// A refused patch counts as added.
     HidesWeakPivots,
+    /// What is told of the last slot does not arrive.
+    LosesNews,
 }
 
 impl Flaw {
-    pub(crate) const ALL: [Self; 8] = [
+    pub(crate) const ALL: [Self; 9] = [
         Self::LosesLight,
         Self::OutsideDoesNotBounce,
         Self::AppliesHalfABatch,
@@ -34,6 +36,7 @@ impl Flaw {
         Self::ForgetsRemovals,
         Self::DropsColumns,
         Self::HidesWeakPivots,
+        Self::LosesNews,
     ];
 }
 
@@ -122,6 +125,14 @@ impl Backend for FlawedBackend {
             *light += self.outside[slot.0 as usize];
             *light *= if self.flaw == Flaw::LosesLight { 0.9999 } else { 1.0 };
         }
+        Ok(())
+    }
+
+    fn take_news(&mut self, news: &mut Vec<(Slot, Rgb)>) -> Result<(), BackendError> {
+        self.sound.take_news(news)?;
+        let last = Slot(self.capacity() - 1);
+        news.retain(|(slot, _)| self.flaw != Flaw::LosesNews || *slot != last);
+        news.iter_mut().for_each(|(slot, light)| *light += self.outside[slot.0 as usize]);
         Ok(())
     }
 

@@ -2,7 +2,7 @@
 
 use earthshine_radiosity::{ApplyStats, Backend, BackendError, Slot, StepStats, Update};
 use earthshine_world::Rgb;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -19,10 +19,14 @@ pub(crate) struct Faults {
     pub(crate) drift: f32,
     /// Fewer slots than asked for.
     pub(crate) capacity_max: Option<u32>,
+    /// How many ticks later than its step light is told.
+    pub(crate) late_ticks: u64,
 }
 
 #[derive(Debug, Clone)]
 struct Row {
+    /// Of the patch: no two are alike.
+    number: u64,
     reflectance: Rgb,
     shares: BTreeMap<u32, f32>,
     exitance: Rgb,
@@ -37,12 +41,25 @@ pub(crate) struct GatherBackend {
     /// Steps of all backends of one factory.
     steps: Arc<AtomicU64>,
     changed: bool,
+    /// Patches so far, and how often news was asked for.
+    patches: u64,
+    asked: u64,
+    /// Whose light it is, and when it arrives.
+    on_its_way: VecDeque<(u64, Vec<(Slot, u64, Rgb)>)>,
 }
 
 impl GatherBackend {
     pub(crate) fn new(capacity: u32, faults: Faults, steps: Arc<AtomicU64>) -> Self {
         let capacity = capacity.min(faults.capacity_max.unwrap_or(u32::MAX));
-        Self { slots: vec![None; capacity as usize], faults, steps, changed: false }
+        Self {
+            slots: vec![None; capacity as usize],
+            faults,
+            steps,
+            changed: false,
+            patches: 0,
+            asked: 0,
+            on_its_way: VecDeque::new(),
+        }
     }
 
     fn check(&self, slot: Slot, should_be_taken: bool) -> Result<(), BackendError> {
@@ -93,8 +110,10 @@ impl GatherBackend {
                     }
                 }
                 let (exitance, outside, light) = (Rgb::ZERO, Rgb::ZERO, Rgb::ZERO);
+                self.patches += 1;
+                let number = self.patches;
                 self.slots[slot.0 as usize] =
-                    Some(Row { reflectance: *reflectance, shares, exitance, outside, light });
+                    Some(Row { number, reflectance: *reflectance, shares, exitance, outside, light });
                 stats.added += 1;
             }
         }
@@ -179,6 +198,11 @@ impl Backend for GatherBackend {
         let recomputed = std::mem::take(&mut self.changed);
         if recomputed {
             self.solve();
+            let lit = |(slot, row): (u32, &Option<Row>)| {
+                Some((Slot(slot), row.as_ref()?.number, row.as_ref()?.light))
+            };
+            let light = (0..).zip(&self.slots).filter_map(lit).collect();
+            self.on_its_way.push_back((self.asked + self.faults.late_ticks, light));
         }
         Ok(StepStats { lit_columns: 0, recomputed })
     }
@@ -189,6 +213,23 @@ impl Backend for GatherBackend {
             *out = self.slots[slot.0 as usize].as_ref().unwrap().light;
         }
         Ok(())
+    }
+
+    fn take_news(&mut self, news: &mut Vec<(Slot, Rgb)>) -> Result<(), BackendError> {
+        while self.on_its_way.front().is_some_and(|&(due, _)| due <= self.asked) {
+            let (_, light) = self.on_its_way.pop_front().unwrap();
+            let is_there = |slot: Slot, number: u64| {
+                self.slots[slot.0 as usize].as_ref().is_some_and(|row| row.number == number)
+            };
+            let still = light.into_iter().filter(|&(slot, number, _)| is_there(slot, number));
+            news.extend(still.map(|(slot, _, light)| (slot, light)));
+        }
+        self.asked += 1;
+        Ok(())
+    }
+
+    fn is_settled(&self) -> bool {
+        self.on_its_way.is_empty()
     }
 
     fn drift(&mut self, _seed: u64) -> f32 {

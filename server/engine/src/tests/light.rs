@@ -3,12 +3,13 @@
 use super::backend::Faults;
 use super::harness::{ALICE, Harness, factory, generous, lamp};
 use super::world::{PatchDraft, RandomWorld, WorldShape};
-use crate::{EngineConfig, PatchLight};
+use crate::{EngineConfig, Means, PatchLight};
 use earthshine_light::Occluders;
 use earthshine_radiosity::CpuBackend;
 use earthshine_world::{
     ChunkCoord, ChunkId, Direction, Light, LightRig, OccluderMesh, Rgb, Sky, Vec3, VoxelCoord,
 };
+use std::collections::BTreeMap;
 use std::f32::consts::PI;
 use std::sync::Arc;
 
@@ -134,6 +135,50 @@ fn a_flight_returns_to_the_same_light() {
     assert_eq!(after.len(), before.len());
     for (a, b) in after.iter().zip(before.iter()) {
         assert!(a.voxel == b.voxel && close(a.irradiance, b.irradiance), "{a:?} {b:?}");
+    }
+}
+
+/// Goal: light that a backend tells late is whole, belongs to the patch that is told of, and is the same in the end; a patch
+/// without light yet is not shown, black or with its predecessor's light, and counts as missing. Method: a flight on which
+/// every slot changes hands, its lights told at once and some ticks later; what is shown on the way is held against the
+/// light that its patch had in any of the frames told at once.
+#[test]
+fn light_that_is_told_late_is_the_patchs_own() {
+    type Shown = BTreeMap<([i32; 3], Direction), Vec<Rgb>>;
+    let fly = |late_ticks| {
+        let world = RandomWorld::new(25, WorldShape { chunks: [6, 1, 2], ..WorldShape::default() });
+        let prospect = world.prospect(&generous(12));
+        let faults = Faults { late_ticks, ..Faults::default() };
+        let mut harness = Harness::new(world, generous(12), faults);
+        let means = Means { tick_rate_hz: 60.0, tile_bytes_per_s: 1e9 };
+        harness.engine = harness.engine.with_promise(prospect, means);
+        let mut harness = harness.with_camera(Vec3::ZERO);
+        harness.light(ALICE, LightRig { sky: Sky::constant(Rgb::ONE), ..LightRig::emission_only() });
+        let (mut shown, mut fewer) = (Shown::new(), 0);
+        for step in 0..30 {
+            harness.look_from(ALICE, Vec3::new(step as f32, 0.5, 1.0));
+            for _ in 0..3 {
+                harness.tick();
+                let Some(frame) = harness.frames.get(&ALICE) else { continue };
+                fewer += u32::from(frame.quality.resident_patches as usize > frame.patches.len());
+                for light in frame.patches.iter() {
+                    let place = (light.voxel.to_array(), light.direction);
+                    shown.entry(place).or_default().push(light.irradiance);
+                }
+            }
+        }
+        harness.settle();
+        (shown, fewer, harness.frame(ALICE).patches.clone())
+    };
+    let (at_once, fewer, end) = fly(0);
+    assert_eq!(fewer, 0, "who is told at once shows everybody");
+    let (late, fewer, late_end) = fly(2);
+    assert!(fewer > 20, "{fewer} frames wait for light");
+    assert_eq!(late_end, end);
+    for (place, lights) in late {
+        for light in lights {
+            assert!(at_once[&place].contains(&light), "{place:?} was never lit like {light}");
+        }
     }
 }
 

@@ -72,6 +72,7 @@ impl Simulation {
             fail_step_every: dice.pick(&[0, 0, 23]),
             drift: dice.pick(&[0.0, 1e-3]),
             capacity_max: None,
+            late_ticks: dice.pick(&[0, 0, 2]),
         };
         let prospect = world.prospect(&config);
         let means = Means { tick_rate_hz: 60.0, tile_bytes_per_s: 1e6 };

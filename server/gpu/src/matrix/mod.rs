@@ -84,10 +84,6 @@ impl GpuMatrix {
         self.residents.len()
     }
 
-    pub(crate) fn irradiance(&self) -> &wgpu::Buffer {
-        &self.buffers.irradiance
-    }
-
     pub(crate) fn is_taken(&self, slot: Slot) -> bool {
         self.area(slot) > 0.0
     }

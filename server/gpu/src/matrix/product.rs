@@ -3,7 +3,8 @@
 use super::GpuMatrix;
 use super::block::EXCHANGE_PLANE;
 use super::buffers::Buffers;
-use crate::readback::{Readback, read_now};
+use crate::news::News;
+use crate::readback::read_now;
 use crate::recorder::{Recorder, folded};
 use earthshine_radiosity::BackendError;
 use earthshine_shaders::host::{Pass, StripeMarks};
@@ -84,15 +85,11 @@ impl GpuMatrix {
         Selection::new(self.stripes(), is_lit, is_wanted)
     }
 
-    /// Light of one frame from the sources uploaded last, and its way to the host.
+    /// Light of one frame from the sources uploaded last, and the way of what is news to the host.
     ///
     /// # Errors
     /// [`BackendError::DeviceLost`].
-    pub(crate) fn step(
-        &mut self,
-        selection: &Selection,
-        readback: &mut Readback,
-    ) -> Result<(), BackendError> {
+    pub(crate) fn step(&mut self, selection: &Selection, news: &mut News) -> Result<(), BackendError> {
         let pass = self.select_tiles(selection);
         let pass = Pass { outside_weight: 1.0, ..pass };
         let (mut recorder, buffers, _) = self.recorder();
@@ -100,10 +97,24 @@ impl GpuMatrix {
             recorder.emit(buffers, &buffers.outside, pass);
             recorder.multiply(buffers, false, &buffers.irradiance, pass);
         }
-        readback.record(recorder.encoder(), &[&buffers.irradiance]);
+        news.record(&mut recorder, &buffers.irradiance, pass.rows, None);
         let submission = recorder.submit()?;
-        readback.submitted(submission);
+        news.submitted(submission);
         Ok(())
+    }
+
+    /// Light of the last frame, a channel after the other. Waits for the device.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`].
+    pub(crate) fn irradiance(&self) -> Result<Vec<f32>, BackendError> {
+        let bytes = 3 * size_of::<f32>() * self.rows();
+        Ok(bytemuck::pod_collect_to_vec(&read_now(
+            &self.device,
+            &self.buffers.irradiance,
+            bytes as u64,
+            |_| {},
+        )?))
     }
 
     fn select_tiles(&self, selection: &Selection) -> Pass {

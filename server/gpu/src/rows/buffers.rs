@@ -185,7 +185,7 @@ impl Buffers {
             gathered: lights("gathered")?,
             outside_draws: numbers("draws of the outside", 8 * slots)?,
             dark: numbers("dark", 8 * slots)?,
-            published: lights("published")?,
+            published: numbers("published", 3 * slots)?,
             shot_words: numbers("words of shots", SHOT_WORDS as usize)?,
             classes: numbers("classes", SHOT_CLASSES as usize)?,
             group_counts: numbers("counts of workgroups", groups)?,

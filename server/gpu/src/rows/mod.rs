@@ -11,7 +11,7 @@
 //!   progressive  (fold_flux ▶ choose_class ▶ count_last ▶ scan_groups ▶ take_shooters ▶ shoot_links) x 4
 //!                ▶ fold_flux ▶ some rows gathered afresh ▶ measure_light ▶ sum_light
 //!   hybrid       as progressive ▶ send_rest ▶ draw_cdf
-//! publish_light ──16 bytes a slot──▶ host, mapped when it is asked for
+//! publish_light ▶ news ┄┄16 bytes a slot that changed┄┄▶ host, not waited for
 //! ```
 //!
 //! Same calls, same bits on the same device: floats are summed in one order; flux that is shot is added up in whole units
@@ -36,7 +36,8 @@ mod tables;
 mod tests;
 
 use crate::device::GpuDevice;
-use crate::readback::Readback;
+use crate::news::News;
+use crate::readback::read_now;
 use crate::recorder::Recorder;
 use crate::timing::{PassTime, Sampling, Timing};
 use buffers::Buffers;
@@ -72,11 +73,13 @@ pub struct GpuRowLight {
     new_sky: Dirty,
     /// Where the rows that are gathered afresh go on.
     refresh_cursor: usize,
-    quiet_frames: u32,
-    readback: Readback,
-    /// What was read last, and what the words of shots said; none if a frame has been since.
-    published: Vec<Light>,
-    words: Option<[u32; SHOT_WORDS as usize]>,
+    /// The frame after which something changed last.
+    woken_at: u64,
+    /// What changed, and what the words of shots say, on its way to the host.
+    news: News,
+    /// Light as it was read last, and whether that is the light of the last frame.
+    published: Vec<Rgb>,
+    is_read: bool,
     timing: Option<Timing>,
     sampling: Sampling,
 }
@@ -120,7 +123,8 @@ impl GpuRowLight {
             reflectance: links.reflectance(slot).to_array(),
             area: links.area(slot),
         };
-        let published = buffers.published.size() + buffers.shot_words.size();
+        let mut news = News::new(device, slots, 4 * u64::from(SHOT_WORDS))?;
+        (0..slots).filter(|&slot| links.is_taken(slot)).for_each(|slot| news.know(slot));
         let mut new = Self {
             method: settings.method,
             edits,
@@ -130,10 +134,10 @@ impl GpuRowLight {
             new_sources: Dirty(Some(0..slots)),
             new_sky: Dirty(Some(0..slots)),
             refresh_cursor: 0,
-            quiet_frames: 0,
-            readback: Readback::new(device, published)?,
-            published: light.to_vec(),
-            words: None,
+            woken_at: 0,
+            news,
+            published: light.iter().map(|light| Rgb::new(light[0], light[1], light[2])).collect(),
+            is_read: true,
             timing: None,
             sampling: Sampling::default(),
             buffers,
@@ -252,7 +256,7 @@ impl GpuRowLight {
     }
 
     fn wake(&mut self) {
-        self.quiet_frames = 0;
+        self.woken_at = self.news.step();
     }
 
     fn advance_gathered(&mut self) -> Result<(), BackendError> {
@@ -306,30 +310,41 @@ impl GpuRowLight {
         recorder.submit().map(|_| ())
     }
 
-    /// Puts light together and sends it to the host.
+    /// Puts light together and sends what is news to the host.
     fn publish(&mut self) -> Result<(), BackendError> {
-        let pass = self.pass();
+        let slots = self.slots();
+        let pass = Pass { channel_stride: slots, ..self.pass() };
         let mut recorder = Recorder::new(&self.device, &self.buffers.uniforms, self.timing.as_mut());
         let buffers = &self.buffers;
         let bound = [&buffers.irradiance, &buffers.shot_words, &buffers.rest, &buffers.published];
         recorder.dispatch(&PUBLISH_LIGHT, &bound, pass, groups(pass));
-        self.readback.record(recorder.encoder(), &[&buffers.published, &buffers.shot_words]);
+        self.news.record(&mut recorder, &buffers.published, slots, Some(&buffers.shot_words));
         let submission = recorder.submit()?;
-        self.readback.submitted(submission);
-        self.words = None;
+        self.news.submitted(submission);
+        self.is_read = false;
         Ok(())
     }
 
-    /// The newest light, and what the words of shots say.
+    /// The light of the last frame, whole. Waits for the device.
     fn fetch(&mut self) -> Result<(), BackendError> {
-        let (published, words) = (&mut self.published, &mut self.words);
-        let light_bytes = size_of_val(published.as_slice());
-        let words_at = self.buffers.published.size() as usize;
-        self.readback.fetch(&self.device, |bytes| {
-            published.copy_from_slice(&bytemuck::pod_collect_to_vec::<u8, Light>(&bytes[..light_bytes]));
-            let found: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes[words_at..][..4 * SHOT_WORDS as usize]);
-            *words = Some(std::array::from_fn(|at| found[at]));
-        })
+        self.device.check()?;
+        if !self.is_read {
+            let slots = self.published.len();
+            let bytes = (3 * size_of::<f32>() * slots) as u64;
+            let found: Vec<f32> = bytemuck::pod_collect_to_vec(&read_now(
+                &self.device,
+                &self.buffers.published,
+                bytes,
+                |_| {},
+            )?);
+            for (slot, light) in self.published.iter_mut().enumerate() {
+                *light = Rgb::new(found[slot], found[slots + slot], found[2 * slots + slot]);
+            }
+            self.is_read = true;
+            self.news.wait(&self.device)?;
+            self.sampling.end(&self.device, &mut self.timing)?;
+        }
+        Ok(())
     }
 }
 
@@ -343,6 +358,7 @@ impl RowLight for GpuRowLight {
         if let Some(tables) = &mut self.tables {
             tables.come(&residents.links, slot);
         }
+        self.news.know(slot);
         self.wake();
         Ok(())
     }
@@ -356,6 +372,7 @@ impl RowLight for GpuRowLight {
         // Sources of a free slot are none by the time that the device is told.
         self.new_sources.mark(slot);
         self.new_sky.mark(slot);
+        self.news.forget(slot);
         self.wake();
         Ok(())
     }
@@ -373,7 +390,11 @@ impl RowLight for GpuRowLight {
     }
 
     fn advance(&mut self, residents: &mut Residents, frame: Frame<'_>) -> Result<(), BackendError> {
-        self.device.check()?;
+        self.news.make_room(&self.device)?;
+        if !self.news.is_coming() {
+            // The times of a frame are read where nobody waits for them.
+            self.sampling.end(&self.device, &mut self.timing)?;
+        }
         self.sampling.begin(&self.device, &mut self.timing)?;
         self.flush_leaving()?;
         self.flush_coming()?;
@@ -392,37 +413,45 @@ impl RowLight for GpuRowLight {
                 self.advance_rest(frame.settings, frame.number)?;
             }
         }
-        self.quiet_frames = self.quiet_frames.saturating_add(1);
         self.publish()
     }
 
-    /// Known once the light of the last frame has been read.
+    /// By what has arrived of a frame since the last change: light that has settled does not move again.
     fn is_settled(&self) -> bool {
-        let says = |what: &dyn Fn(&[u32; SHOT_WORDS as usize]) -> bool| self.words.as_ref().is_some_and(what);
+        let says = |what: &dyn Fn(&[u32]) -> bool| {
+            self.news.words().is_some_and(|(step, words)| step > self.woken_at && what(words))
+        };
         match self.method {
             Method::Alias | Method::Cdf => false,
             Method::Progressive | Method::Hybrid => {
-                self.quiet_frames >= SETTLE_FRAMES
-                    || self.quiet_frames > 0 && says(&|words| words[SHOT_SHOOTERS as usize] == 0)
+                self.news.step() - self.woken_at >= u64::from(SETTLE_FRAMES)
+                    || says(&|words| words[SHOT_SHOOTERS as usize] == 0)
             }
             Method::Matrix | Method::Gather => {
-                let change = |words: &[u32; SHOT_WORDS as usize]| f32::from_bits(words[SHOT_CHANGE as usize]);
-                self.quiet_frames > 0 && says(&|words| f64::from(change(words)) < GATHER_SETTLED)
+                says(&|words| f64::from(f32::from_bits(words[SHOT_CHANGE as usize])) < GATHER_SETTLED)
             }
         }
     }
 
     fn read(&mut self, residents: &Residents, slots: &[Slot], out: &mut [Rgb]) -> Result<(), BackendError> {
         self.fetch()?;
-        self.sampling.end(&self.device, &mut self.timing)?;
         for (slot, out) in slots.iter().zip(out) {
             let at = slot.0 as usize;
             let light = self.published[at];
-            if residents.links.is_taken(at) && !light.iter().all(|channel| channel.is_finite()) {
+            if residents.links.is_taken(at) && !light.is_finite() {
                 return Err(BackendError::NotANumber(*slot));
             }
-            *out = Rgb::new(light[0], light[1], light[2]);
+            // What was published last is its predecessor's, if nothing was since it came.
+            *out = if self.news.is_of_patch(at) { light } else { Rgb::ZERO };
         }
         Ok(())
+    }
+
+    fn take_news(&mut self, _: &Residents, news: &mut Vec<(Slot, Rgb)>) -> Result<(), BackendError> {
+        self.news.take(&self.device, news)
+    }
+
+    fn is_news_coming(&self) -> bool {
+        self.news.is_coming()
     }
 }

@@ -198,12 +198,14 @@ fn light_that_is_published(bench: &Bench<'_>, n: usize) {
     for share in [0.5 * UNSHOT_MIN, 2.0 * UNSHOT_MIN] {
         let mut words = [0u32; SHOT_WORDS as usize];
         words[SHOT_UNSHOT_SHARE as usize] = share.to_bits();
-        let blank = vec![[f32::NAN; 4]; n];
+        let blank = vec![f32::NAN; 3 * n];
         let inputs = [bytes(&light), bytes(&words), bytes(&rest), bytes(&blank)];
-        let outputs = bench.threads(&PUBLISH_LIGHT, &inputs, entries(n));
+        let pass = Pass { channel_stride: n as u32, ..entries(n) };
+        let outputs = bench.threads(&PUBLISH_LIGHT, &inputs, pass);
         let kept = |slot, c| if share > UNSHOT_MIN { wide(&rest, slot, c) } else { 0.0 };
         assert_near(&floats(&outputs[2]), each(n, kept), "rest");
-        assert_near(&floats(&outputs[3]), each(n, |s, c| wide(&light, s, c) + kept(s, c)), "published");
+        let published = (0..3 * n).map(|at| wide(&light, at % n, at / n) + kept(at % n, at / n));
+        assert_near(&floats(&outputs[3]), published, "published");
     }
 }
 

@@ -6,6 +6,7 @@
 
 mod light;
 mod matrix;
+mod news;
 mod shots;
 mod tables;
 
@@ -67,7 +68,7 @@ fn hold_on(device: &GpuDevice, twins: &[Twin]) {
 
 #[test]
 fn every_kernel_has_a_twin() {
-    let twins = [light::TWINS, matrix::TWINS, shots::TWINS, tables::TWINS];
+    let twins = [light::TWINS, matrix::TWINS, news::TWINS, shots::TWINS, tables::TWINS];
     let kernels = twins.into_iter().flatten().flat_map(|twin| twin.kernels).copied();
     for (kernel, file) in &ELSEWHERE {
         assert!(file.contains("for count in [0, 1, 63, 64, 65, "), "{}", kernel.name);

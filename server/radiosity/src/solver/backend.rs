@@ -55,6 +55,8 @@ pub struct SolverBackend {
     /// Sources that the matrix has not been told.
     is_matrix_behind: bool,
     interest: Option<Vec<Slot>>,
+    /// Whether light has come from elsewhere since the matrix last told of its own.
+    is_matrix_untold: bool,
     check: UpdateCheck,
     frame: u32,
     changed: bool,
@@ -117,6 +119,7 @@ impl SolverBackend {
             is_audited: false,
             is_matrix_behind: false,
             interest: None,
+            is_matrix_untold: false,
             check: UpdateCheck::new(slots),
             frame: 0,
             changed: true,
@@ -182,7 +185,7 @@ impl SolverBackend {
     /// Advances light by another method from now on, from where it is.
     fn enter(&mut self, settings: &SolverSettings) -> Result<(), BackendError> {
         if settings.method == Method::Matrix {
-            self.on_rows = None;
+            self.is_matrix_untold |= self.on_rows.take().is_some();
             return Ok(());
         }
         let mut light = vec![[0.0; 4]; self.residents.links.capacity()];
@@ -234,7 +237,7 @@ impl SolverBackend {
         let Residents { direct, outside, .. } = &self.residents;
         let is_lit = |&(own, outside): &(&Light, &Light)| *own != [0.0; 4] || *outside != [0.0; 4];
         let lit_columns = direct.iter().zip(outside).filter(is_lit).count() as u32;
-        let recomputed = std::mem::take(&mut self.changed) || !self.is_settled();
+        let recomputed = std::mem::take(&mut self.changed) || !self.is_at_rest();
         if let Some(on_rows) = self.on_rows.as_mut().filter(|_| recomputed) {
             let number = self.frame;
             self.frame = number.wrapping_add(1);
@@ -245,6 +248,22 @@ impl SolverBackend {
             on_rows.light.advance(&mut self.residents, frame)?;
         }
         Ok(StepStats { lit_columns, recomputed })
+    }
+
+    /// Whether light over rows stays as it is, by the method that is meant.
+    fn is_at_rest(&self) -> bool {
+        !self.is_displaced
+            && self.is_entered(&self.settings)
+            && self.on_rows.as_ref().is_none_or(|on_rows| on_rows.light.is_settled())
+    }
+
+    fn news(&mut self, news: &mut Vec<(Slot, Rgb)>) -> Result<(), BackendError> {
+        match (&mut self.on_rows, &mut self.matrix) {
+            (Some(on_rows), _) => on_rows.light.take_news(&self.residents, news),
+            (None, Some(matrix)) if !self.is_matrix_untold => matrix.take_news(news),
+            (None, Some(_)) => self.tell_all_of_matrix(news),
+            (None, None) => Ok(()),
+        }
     }
 
     fn read(&mut self, slots: &[Slot], out: &mut [Rgb]) -> Result<(), BackendError> {
@@ -376,11 +395,10 @@ impl Backend for SolverBackend {
 
     fn is_settled(&self) -> bool {
         !self.changed
-            && !self.is_displaced
-            && self.is_entered(&self.settings)
+            && self.is_at_rest()
             && match &self.on_rows {
                 None => self.matrix.as_ref().is_none_or(|matrix| matrix.is_settled()),
-                Some(on_rows) => on_rows.light.is_settled(),
+                Some(on_rows) => !on_rows.light.is_news_coming(),
             }
     }
 
@@ -411,6 +429,13 @@ impl Backend for SolverBackend {
         slot_check::all_taken(slots, self.capacity(), |slot| self.is_taken(slot))?;
         self.or_on_cpu(|own| own.read(slots, out))?;
         slots.iter().zip(&*out).for_each(|(slot, &light)| self.note_read(slot.0 as usize, light));
+        Ok(())
+    }
+
+    fn take_news(&mut self, news: &mut Vec<(Slot, Rgb)>) -> Result<(), BackendError> {
+        let told_before = news.len();
+        self.or_on_cpu(|own| own.news(news))?;
+        news[told_before..].iter().for_each(|&(slot, light)| self.note_read(slot.0 as usize, light));
         Ok(())
     }
 

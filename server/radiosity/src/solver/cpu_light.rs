@@ -14,6 +14,7 @@ use super::{
 };
 use crate::backend::{Backend, BackendError, Slot};
 use crate::tables::{AliasTable, CdfTable};
+use crate::told::Told;
 use earthshine_world::Rgb;
 use rayon::prelude::*;
 
@@ -38,6 +39,7 @@ enum State {
 pub struct CpuRowLight {
     state: State,
     irradiance: Vec<Light>,
+    told: Told,
     /// Whether rows of the matrix are drawn from.
     is_coloured: bool,
     /// Room for what leaves, and for what draws of the outside bring.
@@ -85,6 +87,7 @@ impl CpuRowLight {
         Self {
             state,
             irradiance,
+            told: Told::new(slots),
             is_coloured: settings.is_coloured(),
             sent: dark.clone(),
             drawn_far: dark.clone(),
@@ -217,6 +220,7 @@ impl RowLight for CpuRowLight {
             State::Gather { .. } | State::Progressive(_) => {}
         }
         self.irradiance[slot] = [0.0; 4];
+        self.told.forget(slot);
         Ok(())
     }
 
@@ -272,6 +276,14 @@ impl RowLight for CpuRowLight {
         for (slot, out) in slots.iter().zip(out) {
             *out = self.published(slot.0 as usize);
         }
+        Ok(())
+    }
+
+    fn take_news(&mut self, residents: &Residents, news: &mut Vec<(Slot, Rgb)>) -> Result<(), BackendError> {
+        let mut told = std::mem::take(&mut self.told);
+        let taken = (0..self.irradiance.len()).filter(|&slot| residents.links.is_taken(slot));
+        told.tell(taken.map(|slot| (Slot(slot as u32), self.published(slot))), news);
+        self.told = told;
         Ok(())
     }
 }

@@ -57,7 +57,7 @@ pub trait RowLight: Send {
     /// As [`Backend::step`].
     fn advance(&mut self, residents: &mut Residents, frame: Frame<'_>) -> Result<(), BackendError>;
 
-    /// Whether another frame without any change would leave the light as it is, to the bit.
+    /// Whether another frame without any change would leave the light as it is, to the bit, as far as is known by now.
     fn is_settled(&self) -> bool;
 
     /// The light of `slots`, which are taken, with what is only estimated.
@@ -65,4 +65,15 @@ pub trait RowLight: Send {
     /// # Errors
     /// As [`Backend::read_irradiance`].
     fn read(&mut self, residents: &Residents, slots: &[Slot], out: &mut [Rgb]) -> Result<(), BackendError>;
+
+    /// As [`Backend::take_news`], of the same light.
+    ///
+    /// # Errors
+    /// As [`Backend::take_news`].
+    fn take_news(&mut self, residents: &Residents, news: &mut Vec<(Slot, Rgb)>) -> Result<(), BackendError>;
+
+    /// Whether news of light that is there is still on its way.
+    fn is_news_coming(&self) -> bool {
+        false
+    }
 }

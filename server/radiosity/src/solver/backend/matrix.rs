@@ -90,6 +90,21 @@ impl SolverBackend {
         Ok(())
     }
 
+    /// All light of the matrix: what it told before it was left, another method has told otherwise since.
+    pub(super) fn tell_all_of_matrix(&mut self, news: &mut Vec<(Slot, Rgb)>) -> Result<(), BackendError> {
+        let Some(matrix) = &mut self.matrix else { return Ok(()) };
+        let mut own_news = Vec::new();
+        matrix.take_news(&mut own_news)?;
+        let is_lit = |slot: &Slot| matrix.is_taken(*slot) && matrix.is_current(*slot);
+        let slots: Vec<Slot> = (0..matrix.capacity()).map(Slot).filter(is_lit).collect();
+        let mut light = vec![Rgb::ZERO; slots.len()];
+        matrix.read_irradiance(&slots, &mut light)?;
+        news.extend(own_news);
+        news.extend(slots.into_iter().zip(light));
+        self.is_matrix_untold = false;
+        Ok(())
+    }
+
     /// Hands the matrix all sources if it may lack some.
     pub(super) fn tell_matrix(&mut self) -> Result<(), BackendError> {
         let Some(matrix) = &mut self.matrix else { return Ok(()) };

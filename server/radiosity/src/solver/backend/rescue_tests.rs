@@ -8,6 +8,7 @@ use crate::cpu::CpuBackend;
 use crate::solver::row_light::{Frame, RowLight};
 use crate::solver::{CpuRowLight, Light, Method, Residents, SolverSettings};
 use earthshine_world::Rgb;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
@@ -140,6 +141,15 @@ impl RowLight for Fallible<CpuRowLight> {
         self.check()?;
         self.inner.read(residents, slots, out)
     }
+
+    fn take_news(
+        &mut self,
+        residents: &Residents,
+        news: &mut Vec<(Slot, Rgb)>,
+    ) -> Result<(), BackendError> {
+        self.check()?;
+        self.inner.take_news(residents, news)
+    }
 }
 
 fn settings(method: Method) -> SolverSettings {
@@ -248,6 +258,28 @@ fn at_rest(method: Method) -> f64 {
 
 const ALL: [Method; 6] =
     [Method::Matrix, Method::Gather, Method::Alias, Method::Cdf, Method::Progressive, Method::Hybrid];
+
+/// Goal: who takes news alone knows all light, whoever computes it. Method: the machine is lost between a step and its news.
+#[test]
+fn news_of_a_lost_device_is_the_cpus() {
+    for method in ALL {
+        let mut life = Life::new(method);
+        let mut told = BTreeMap::new();
+        let mut news = Vec::new();
+        for _ in 0..3 {
+            life.backend.step().expect("a machine that works");
+            life.backend.take_news(&mut news).expect("a machine that works");
+        }
+        life.swap();
+        life.backend.step().expect("a machine that works");
+        life.machine.lose();
+        life.backend.take_news(&mut news).expect("the CPU stands in");
+        told.extend(news);
+        for (slot, light) in life.streamed.taken().iter().zip(life.light()) {
+            assert_eq!(told.get(slot), Some(&light), "{method}");
+        }
+    }
+}
 
 /// Goal: light goes on when a device fails, whatever is asked of it then, and is exact again on the next. Method: it is lost
 /// before updates, before a step, between a step and its light, and before a probe's repair.
