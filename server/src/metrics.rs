@@ -6,7 +6,7 @@
 use crate::device_source::{CurrentDevice, DeviceCounts};
 use crate::engine_thread::{EngineReport, SharedReport};
 use earthshine_engine::{Counters, EngineStats, SessionStats};
-use earthshine_gpu::PassTotal;
+use earthshine_gpu::{NewsTotals, PassTotal};
 use prometheus_client::collector::Collector;
 use prometheus_client::encoding::{DescriptorEncoder, EncodeMetric as _, text};
 use prometheus_client::metrics::MetricType;
@@ -149,9 +149,10 @@ impl Metrics {
             is_there: current.as_ref().map(|device| !device.is_lost()),
             counts: self.device.counts(),
         }));
-        device.register_collector(Box::new(PassCollector(
-            current.map(|device| device.pass_totals()).unwrap_or_default(),
-        )));
+        if let Some(of) = current {
+            device.register_collector(Box::new(PassCollector(of.pass_totals())));
+            device.register_collector(Box::new(NewsCollector(of.news_totals())));
+        }
         text::encode_registry(&mut body, &device)?;
         text::encode_eof(&mut body)?;
         Ok(body)
@@ -215,6 +216,27 @@ impl Collector for PassCollector {
         let mut flops = encoder.encode_descriptor("pass_operations", help, None, MetricType::Counter)?;
         for (name, total) in known() {
             ConstCounter::new(total.flops).encode(flops.encode_family(&[("pass", *name)])?)?;
+        }
+        Ok(())
+    }
+}
+
+/// What comes to the host of the light that changed.
+#[derive(Debug)]
+struct NewsCollector(NewsTotals);
+
+impl Collector for NewsCollector {
+    fn encode(&self, mut encoder: DescriptorEncoder<'_>) -> Result<(), std::fmt::Error> {
+        let NewsTotals { frames, entries, bytes, late_frames, waits } = self.0;
+        for (name, help, value) in [
+            ("news_frames", "Steps whose changed light came to the host", frames),
+            ("news_entries", "Slots whose changed light came to the host", entries),
+            ("news_bytes", "Bytes that were copied to the host for it", bytes),
+            ("news_late_frames", "Ticks between a step and its changed light, in all", late_frames),
+            ("news_waits", "Steps that waited because too many were on their way", waits),
+        ] {
+            let metric = encoder.encode_descriptor(name, help, None, MetricType::Counter)?;
+            ConstCounter::new(value).encode(metric)?;
         }
         Ok(())
     }
@@ -361,6 +383,8 @@ mod tests {
         registry.register_collector(Box::new(PassCollector(passes)));
         let counts = DeviceCounts { reopened: 2, failed: 1, left_to_cpu: 4 };
         registry.register_collector(Box::new(DeviceCollector { is_there: Some(false), counts }));
+        let news = NewsTotals { frames: 4, entries: 70, bytes: 1184, late_frames: 5, waits: 1 };
+        registry.register_collector(Box::new(NewsCollector(news)));
         let mut text = String::new();
         text::encode_registry(&mut text, &registry).unwrap();
         for line in [
@@ -372,6 +396,11 @@ mod tests {
             "earthshine_gpu_devices_reopened_total 2",
             "earthshine_gpu_device_failures_total 1",
             "earthshine_gpu_lights_left_to_cpu_total 4",
+            "earthshine_gpu_news_frames_total 4",
+            "earthshine_gpu_news_entries_total 70",
+            "earthshine_gpu_news_bytes_total 1184",
+            "earthshine_gpu_news_late_frames_total 5",
+            "earthshine_gpu_news_waits_total 1",
         ] {
             assert!(text.lines().any(|found| found == line), "{line} is not in\n{text}");
         }

@@ -160,6 +160,42 @@ fn assert_is_about(world: &SolvedWorld, solution: &Solution, light: &Light) {
     assert!(error < 3e-3, "{error}");
 }
 
+/// Goal: clients see no difference between a device and the CPU but for rounding. Method: a corridor with a sky, served by
+/// both; of every patch the published light is the same to a code's step.
+#[tokio::test]
+async fn a_device_publishes_the_light_of_the_cpu() {
+    let Some(probe) = device_or_skip() else { return };
+    let scene = imported(&fixtures::corridor_glb(8.0));
+    let lights = LightRig { sky: Sky::constant(Rgb::splat(1e4)), ..own_lights(&scene) };
+    let world = BakedWorld::new("corridor", &scene, lights, coarse(1.0, 16));
+    for method in [Method::Matrix, Method::Gather] {
+        let mut published = Vec::new();
+        for backend in [BackendKind::Cpu, BackendKind::Gpu] {
+            let served = ServedWorld::start(world.path(), world.patch_count(), |config| {
+                config.backend = backend;
+                config.gpu_adapter = probe.name().to_owned();
+                config.engine.solver.by_level = vec![method];
+            })
+            .await;
+            let mut client = connect(&served.uri).await;
+            let light = settled_at(&mut client, Vec3::new(4.0, 1.6, 1.5)).await;
+            published.push(served_patches(&light));
+            client.close().await;
+            served.stop().await.expect("a clean end");
+        }
+        let [cpu, device] = &published[..] else { panic!("two backends") };
+        assert!(cpu.keys().eq(device.keys()) && cpu.len() > 100, "{} patches", cpu.len());
+        for (place, cpu) in cpu {
+            let of_device = device[place];
+            // Nine bits of mantissa, the first of them set.
+            let step = cpu.irradiance.max_element().max(of_device.irradiance.max_element()) / 256.0;
+            let gap = (cpu.irradiance - of_device.irradiance).abs().max_element();
+            assert!(gap <= step, "{method}, {place:?}: {cpu:?}, {of_device:?}");
+            assert_eq!((cpu.sky_irradiance, cpu.quality), (of_device.sky_irradiance, of_device.quality));
+        }
+    }
+}
+
 /// Goal: a device's alias tables are the CPU's. Method: the edge rows, the one with sections among them, and lengths
 /// around a workgroup's; every word is compared.
 #[test]

@@ -6,6 +6,7 @@
 
 use super::Report;
 use super::gpu_frame::{FrameArguments, FrameWork};
+use super::gpu_news::{self, NewsArguments, NewsFigures};
 use super::gpu_rays::{self, RayArguments};
 use super::gpu_step::{self, StepArguments};
 use anyhow::Context as _;
@@ -44,6 +45,8 @@ pub(crate) struct GpuBenchArguments {
     rays: RayArguments,
     #[command(flatten)]
     frame: FrameArguments,
+    #[command(flatten)]
+    news: NewsArguments,
     /// Rounds of which the quickest counts.
     #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..))]
     rounds: u32,
@@ -101,6 +104,8 @@ struct Figures {
     rays_elsewhere: f64,
     /// Of the town.
     ray_triangles: usize,
+    #[serde(flatten)]
+    news: NewsFigures,
 }
 
 /// A kernel's largest runs, the quickest of them: what it moves and computes at least, as
@@ -142,6 +147,8 @@ pub(crate) fn run(arguments: &GpuBenchArguments, json: bool) -> anyhow::Result<(
         frame_passes.extend(frame.take_times()?);
     }
     let block_patch_us = bench.quickest(arguments.rounds, Bench::swap)? * 1e3 / (2 * BLOCK) as f64;
+    let slots = bench.streamed.taken();
+    let news = gpu_news::measure(&device, &mut bench.backend, &slots, &arguments.news)?;
     let product_wall_ms = bench.quickest(arguments.rounds, Bench::product)?;
     let product = largest_quickest(&bench.passes).remove("multiply_tiles");
     let product_ms = product.map_or(product_wall_ms, |pass| 3.0 * pass.ms);
@@ -180,6 +187,7 @@ pub(crate) fn run(arguments: &GpuBenchArguments, json: bool) -> anyhow::Result<(
         cpu_mrays_s: rays.cpu_mrays_s,
         rays_elsewhere: rays.elsewhere,
         ray_triangles: rays.triangles,
+        news,
     };
     let seconds = started.elapsed().as_secs_f64();
     let mut report = Report::new("gpu", "closed room", "matrix", arguments.seed, seconds, figures);

@@ -1,0 +1,98 @@
+//! `bench gpu`: how light comes back to the host: what changed, when it comes, beside all of it, waited for.
+//!
+//! Frames at a steady rate, as the engine asks for them. In each one patch's own light is another: most of a closed room
+//! changes by less than the published code can say.
+
+use clap::Args;
+use earthshine_gpu::{GpuBackend, GpuDevice};
+use earthshine_radiosity::{Backend, Slot};
+use earthshine_world::Rgb;
+use serde::Serialize;
+use std::time::{Duration, Instant};
+
+/// Frames whose light comes back.
+#[derive(Args)]
+pub(super) struct NewsArguments {
+    /// Frames of each way.
+    #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..))]
+    news_frames: u32,
+    /// Frames a second.
+    #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..))]
+    news_rate_hz: u32,
+}
+
+/// Means over those frames.
+#[derive(Serialize)]
+pub(super) struct NewsFigures {
+    /// Slots that a frame tells of.
+    news_entries: f64,
+    /// Bytes of a frame that are copied to the host for it.
+    news_bytes: f64,
+    /// Bytes of a frame where all light is copied.
+    whole_bytes: f64,
+    /// How many frames later than its own a frame's light comes.
+    news_late_frames: f64,
+    /// Frames that waited because too many were on their way.
+    news_waits: u64,
+    /// What the host spends on a step and on taking what has come.
+    news_host_ms: f64,
+    /// What it spends on a step and on all light of that step, waited for.
+    whole_host_ms: f64,
+}
+
+/// Of `slots`, which are lit already.
+pub(super) fn measure(
+    device: &GpuDevice,
+    backend: &mut GpuBackend,
+    slots: &[Slot],
+    arguments: &NewsArguments,
+) -> anyhow::Result<NewsFigures> {
+    let light = vec![Rgb::ONE; slots.len()];
+    backend.set_sources(slots, &light, &light)?;
+    backend.step()?;
+    let mut all = vec![Rgb::ZERO; slots.len()];
+    backend.read_irradiance(slots, &mut all)?;
+    let mut news = Vec::new();
+    backend.take_news(&mut news)?;
+    let before = device.news_totals();
+    let news_host_ms = host_ms(arguments, slots, backend, |backend| {
+        news.clear();
+        backend.take_news(&mut news)
+    })?;
+    backend.read_irradiance(slots, &mut all)?;
+    let after = device.news_totals();
+    let whole_host_ms =
+        host_ms(arguments, slots, backend, |backend| backend.read_irradiance(slots, &mut all))?;
+    let frames = (after.frames - before.frames).max(1) as f64;
+    Ok(NewsFigures {
+        news_entries: (after.entries - before.entries) as f64 / frames,
+        news_bytes: (after.bytes - before.bytes) as f64 / frames,
+        whole_bytes: (3 * size_of::<f32>() * backend.capacity().next_multiple_of(64) as usize) as f64,
+        news_late_frames: (after.late_frames - before.late_frames) as f64 / frames,
+        news_waits: after.waits - before.waits,
+        news_host_ms,
+        whole_host_ms,
+    })
+}
+
+/// Mean time of a step and of `take`, ms.
+fn host_ms(
+    arguments: &NewsArguments,
+    slots: &[Slot],
+    backend: &mut GpuBackend,
+    mut take: impl FnMut(&mut GpuBackend) -> Result<(), earthshine_radiosity::BackendError>,
+) -> anyhow::Result<f64> {
+    let period = Duration::from_secs(1) / arguments.news_rate_hz;
+    let mut spent = Duration::ZERO;
+    for frame in 0..arguments.news_frames {
+        let lamp = slots[frame as usize % slots.len()];
+        backend.set_sources(&[lamp], &[Rgb::splat(10.0 + frame as f32)], &[Rgb::ONE])?;
+        let start = Instant::now();
+        backend.step()?;
+        take(backend)?;
+        let taken = start.elapsed();
+        spent += taken;
+        std::thread::sleep(period.saturating_sub(taken));
+    }
+    Ok(spent.as_secs_f64() * 1e3 / f64::from(arguments.news_frames))
+}
