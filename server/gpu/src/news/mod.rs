@@ -264,28 +264,34 @@ impl News {
             && flight.arrive(device)?
         {
             let flight = self.flights.pop_front().expect("the one in front");
-            let entries = flight.entries();
-            self.copied = (entries.len() as u32).next_power_of_two().max(COPIED_MIN);
             device.note_news(NewsTotals {
                 frames: 1,
-                entries: entries.len() as u64,
+                entries: flight.entries().len() as u64,
                 bytes: flight.bytes(),
                 late_frames: self.asked - flight.asked(),
                 waits: 0,
             });
-            for &NewsEntry { slot, red, green, blue } in entries {
-                let (slot, light) = (slot as usize, Rgb::new(red, green, blue));
-                // Of a patch that has left since.
-                if flight.step() < self.since[slot] {
-                    continue;
-                }
-                if !light.is_finite() {
-                    return Err(BackendError::NotANumber(Slot(slot as u32)));
-                }
-                self.waiting.put(slot, light);
-            }
-            self.words = Some((flight.step(), flight.words().to_vec()));
+            let landed = self.land(&flight);
             self.idle.push(flight);
+            landed?;
+        }
+        Ok(())
+    }
+
+    /// Takes in the news of a step, all of which is here.
+    fn land(&mut self, flight: &Flight) -> Result<(), BackendError> {
+        self.copied = (flight.entries().len() as u32).next_power_of_two().max(COPIED_MIN);
+        self.words = Some((flight.step(), flight.words().to_vec()));
+        for &NewsEntry { slot, red, green, blue } in flight.entries() {
+            let (slot, light) = (slot as usize, Rgb::new(red, green, blue));
+            // Of a patch that has left since.
+            if flight.step() < self.since[slot] {
+                continue;
+            }
+            if !light.is_finite() {
+                return Err(BackendError::NotANumber(Slot(slot as u32)));
+            }
+            self.waiting.put(slot, light);
         }
         Ok(())
     }

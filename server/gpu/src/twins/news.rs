@@ -50,9 +50,8 @@ fn what_differs_is_listed(bench: &Bench<'_>, n: usize) {
     for changed in [0.0, 0.01, 0.5, 1.0] {
         let lit = |at: usize| Rgb::new(random(1, at), random(2, at), random(3, at)) * 1e3;
         let mut told: Vec<u32> = (0..n).map(|at| code(lit(at))).collect();
-        let grown = |at: usize| {
-            lit(at) * if random(4, at) < changed { 1.01 } else { 1.0 + 1e-5 * random(5, at) }
-        };
+        let grown =
+            |at: usize| lit(at) * if random(4, at) < changed { 1.01 } else { 1.0 + 1e-5 * random(5, at) };
         let light: Vec<Rgb> = (0..n).map(grown).collect();
         let bits = |purpose: u64, at: usize, share: f32| {
             (0..32).fold(0, |bits, bit| bits | u32::from(random(purpose, 32 * at + bit) < share) << bit)
@@ -71,7 +70,8 @@ fn what_differs_is_listed(bench: &Bench<'_>, n: usize) {
 fn codes_of_a_device_are_the_published_ones() {
     let Some(device) = device_or_skip() else { return };
     let bench = Bench { device: &device, ran: RefCell::default() };
-    let mut light = vec![Rgb::ZERO, Rgb::new(-0.0, -1.0, 0.0), Rgb::splat(f32::MAX), Rgb::new(1e-40, 0.0, -3.0)];
+    let mut light =
+        vec![Rgb::ZERO, Rgb::new(-0.0, -1.0, 0.0), Rgb::splat(f32::MAX), Rgb::new(1e-40, 0.0, -3.0)];
     for exponent in -30..24 {
         for mantissa in [256.0, 257.0, 300.5, 400.49, 510.5, 511.0, 511.49, 511.5, 511.51] {
             let channel = mantissa * 2f32.powi(exponent);

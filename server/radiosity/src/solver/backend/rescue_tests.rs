@@ -142,11 +142,7 @@ impl RowLight for Fallible<CpuRowLight> {
         self.inner.read(residents, slots, out)
     }
 
-    fn take_news(
-        &mut self,
-        residents: &Residents,
-        news: &mut Vec<(Slot, Rgb)>,
-    ) -> Result<(), BackendError> {
+    fn take_news(&mut self, residents: &Residents, news: &mut Vec<(Slot, Rgb)>) -> Result<(), BackendError> {
         self.check()?;
         self.inner.take_news(residents, news)
     }
