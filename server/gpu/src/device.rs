@@ -82,7 +82,7 @@ impl GpuDevice {
         Ok(Self::open_storing(choice, Limited { binding_bytes_max, ..Limited::default() }, None)?.0)
     }
 
-    /// As [`Self::open`], with kernels that do without subgroups even where there are some: for tests of these.
+    /// As [`Self::open`], with kernels that do without subgroups even where there are some: to test and to measure these.
     ///
     /// # Errors
     /// [`GpuError`].

@@ -413,7 +413,12 @@ impl Backend for SolverBackend {
         self.is_audited = is_audited;
         if is_audited {
             let settings = self.settings;
-            self.or_on_cpu(|own| if own.is_displaced { Ok(()) } else { own.matrix_wanted(&settings) })?;
+            // One that is displaced asks anyway.
+            let wanted = if self.is_displaced { Ok(()) } else { self.matrix_wanted(&settings) };
+            match wanted {
+                Err(error @ BackendError::DeviceLost { .. }) => self.rescue(error)?,
+                other => other?,
+            }
         } else if !self.settings.needs_matrix() {
             self.matrix = None;
         }

@@ -30,6 +30,9 @@ pub(crate) struct GpuBenchArguments {
     /// Part of the adapter's name; empty for the best there is. A software adapter has to be named.
     #[arg(long, default_value = "")]
     adapter: String,
+    /// Measures kernels that do without subgroups.
+    #[arg(long)]
+    without_subgroups: bool,
     /// Patches of the matrix, at least a block.
     #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(BLOCK as i64..))]
     m: u32,
@@ -134,7 +137,8 @@ impl Pass {
 pub(crate) fn run(arguments: &GpuBenchArguments, json: bool) -> anyhow::Result<()> {
     let started = Instant::now();
     let choice = AdapterChoice { name: arguments.adapter.clone(), allow_software: false };
-    let device = GpuDevice::open(&choice).context("no device to measure; `earthshine gpu` lists adapters")?;
+    let open = if arguments.without_subgroups { GpuDevice::open_without_subgroups } else { GpuDevice::open };
+    let device = open(&choice).context("no device to measure; `earthshine gpu` lists adapters")?;
     let open_ms = started.elapsed().as_secs_f64() * 1e3;
     let mut bench = Bench::new(&device, arguments)?;
     let irradiance_error_rel = bench.error_against_cpu()?;

@@ -370,6 +370,23 @@ fn want_of_memory_is_not_waited_for() {
     }
 }
 
+/// Goal: a matrix that there is no memory for is refused to an audit, and light stays where it is. Method: losing the device
+/// afterwards is noticed.
+#[test]
+fn an_audit_without_memory_costs_no_light() {
+    let mut life = Life::new(Method::Hybrid);
+    life.steps(100);
+    life.machine.is_full.store(true, Ordering::Relaxed);
+    assert!(matches!(life.backend.set_audited(true), Err(BackendError::OutOfMemory { .. })));
+    life.machine.is_full.store(false, Ordering::Relaxed);
+    life.swap();
+    life.steps(1);
+    life.machine.lose();
+    life.swap();
+    life.steps(1);
+    assert!(!life.backend.is_settled(), "it waits for the device that it was on");
+}
+
 /// Goal: what is not the device's fault is an error as ever.
 #[test]
 fn other_errors_are_not_rescued() {
