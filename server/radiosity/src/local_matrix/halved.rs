@@ -1,7 +1,7 @@
 //! Planes of 16-bit floats, for comparison only: what a device would keep that stores half of the bytes.
 //!
 //! Numbers are rounded to the 11 bits that such floats have, whatever their range, so what is measured is the best that
-//! they could do.
+//! they could do; a device would have to scale them.
 
 use super::LocalMatrix;
 

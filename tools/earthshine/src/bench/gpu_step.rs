@@ -8,6 +8,7 @@ use earthshine_radiosity::solver::row_light::{Frame, RowLight as _};
 use earthshine_radiosity::solver::{Light, Method, Residents, SolverSettings};
 use earthshine_world::Rgb;
 use earthshine_world::random::{Purpose, hash, unit_f32};
+use std::ops::Range;
 use std::time::Instant;
 
 /// What is drawn.
@@ -125,5 +126,31 @@ fn drawn(
     };
     let (build_ms, _) = quickest(&mut light, true)?;
     let (_, step_ms) = quickest(&mut light, false)?;
+    swap(&mut light, residents, 0..SWAPPED.min(slots))?;
+    let frame = Frame { settings: &settings, number: u32::MAX, order: &[], matrix: None };
+    light.advance(residents, frame)?;
+    passes.extend(light.take_times()?);
     Ok((step_ms, build_ms))
+}
+
+/// Patches that leave and come again, for what that takes.
+const SWAPPED: usize = 32;
+
+fn swap(light: &mut GpuRowLight, residents: &mut Residents, slots: Range<usize>) -> anyhow::Result<()> {
+    let rows: Vec<Vec<(usize, f32)>> = slots
+        .clone()
+        .map(|slot| residents.links.row(slot).iter().map(|link| (link.slot as usize, link.share)).collect())
+        .collect();
+    for slot in slots.clone() {
+        light.leave(residents, slot)?;
+        residents.remove(slot);
+    }
+    for (slot, row) in slots.clone().zip(rows) {
+        // Who comes later brings the links between the two.
+        let there = row.into_iter().filter(|&(other, _)| !slots.contains(&other) || other < slot);
+        residents.links.add(slot, 1.0, Rgb::splat(0.5), there);
+        light.come(residents, slot)?;
+        light.change(residents, slot, &[0.0; 4], &[0.0; 4]);
+    }
+    Ok(())
 }
