@@ -36,6 +36,14 @@ impl GpuField for [u32; 2] {
     const WGSL: &'static str = "vec2<u32>";
 }
 
+impl GpuField for [u32; 3] {
+    const WGSL: &'static str = "vec3<u32>";
+}
+
+impl GpuField for [i32; 3] {
+    const WGSL: &'static str = "vec3<i32>";
+}
+
 impl GpuField for [f32; 4] {
     const WGSL: &'static str = "vec4<f32>";
 }
@@ -111,6 +119,12 @@ gpu_structs! {
         is_leaving: u32,
         /// Root of the tree over placements of trees.
         top_node: u32,
+        /// Of the grid in which ends of rays are counted.
+        voxel_edge_m: f32,
+        /// How far before a side the voxel of a ray's end is looked up.
+        off_surface_m: f32,
+        /// Of the table of voxels: a power of two.
+        voxel_slots: u32,
     }
 
     /// A patch in its slot; all zero in a free one.
@@ -271,6 +285,60 @@ gpu_structs! {
         triangle: u32,
         /// In lengths of the ray's direction.
         distance_m: f32,
+    }
+
+    /// A triangle as an end of rays.
+    EndSide {
+        /// Unit, of its front.
+        normal: [f32; 3],
+        /// 1 where only the host can tell what a ray finds that meets it.
+        is_for_host: u32,
+        /// Of a ray, for the patch along each axis.
+        parts: [u32; 3],
+        /// Of no meaning.
+        spare: u32,
+    }
+
+    /// A slot of the table of voxels with patches; an empty one ends a search.
+    EndVoxel {
+        /// Which.
+        voxel: [i32; 3],
+        /// 0 in an empty slot.
+        is_taken: u32,
+        /// Patches that face along each axis, or [`NO_KEY`](crate::limits::NO_KEY).
+        along: [u32; 3],
+        /// Of no meaning.
+        spare_along: u32,
+        /// Patches that face the other way.
+        against: [u32; 3],
+        /// Of no meaning.
+        spare_against: u32,
+    }
+
+    /// Rays side by side whose ends are added up.
+    EndRun {
+        /// Among those that were traced.
+        first_ray: u32,
+        /// At most [`RUN_RAYS`](crate::limits::RUN_RAYS).
+        ray_count: u32,
+        /// Number of the direction whose way rays have to go, or of the limits `SUM_`.
+        sum: u32,
+    }
+
+    /// What one patch, lobe or the like takes of a run.
+    EndPart {
+        /// A patch, or of the limits `KEY_`.
+        key: u32,
+        /// Parts of a ray.
+        parts: u32,
+    }
+
+    /// The parts of a run, in any order.
+    EndSpan {
+        /// Among those of all runs.
+        first_part: u32,
+        /// At most three a ray.
+        part_count: u32,
     }
 
     /// A point of a patch that is lit.

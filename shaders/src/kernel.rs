@@ -319,9 +319,24 @@ kernel!(
 kernel!(
     /// The closest triangle along rays.
     TRACE_CLOSEST = "trace_closest",
-    ["wide_tree"],
+    ["ray", "wide_tree"],
     [read("nodes"), read("placements"), read("triangles"), read("queries"), written("hits")],
     crate::limits::RAY_LANES
+);
+kernel!(
+    /// Where the rays of runs end.
+    COUNT_ENDS = "count_ends",
+    ["draw", "ray"],
+    [
+        read("queries"),
+        read("hits"),
+        read("sides"),
+        read("voxels"),
+        read("runs"),
+        written("parts"),
+        written("part_spans"),
+        written("parts_taken"),
+    ]
 );
 kernel!(
     /// What lights bring to points, with shadows.
@@ -399,6 +414,7 @@ pub const KERNELS: &[Kernel] = &[
     DRAW_ALIAS,
     DRAW_CDF,
     TRACE_CLOSEST,
+    COUNT_ENDS,
     LIGHT_POINTS,
     SUM_LAMPS,
     GATHER_RECEIVERS,

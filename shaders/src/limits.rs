@@ -40,6 +40,24 @@ pub const TREE_STACK: u32 = 40;
 pub const NO_TRIANGLE: u32 = u32::MAX;
 /// Of a column that no source stands for.
 pub const NO_SOURCE: u32 = u32::MAX;
+/// Parts of a ray that counts whole.
+pub const RAY_PARTS: u32 = 1 << 20;
+/// Most rays whose ends one workgroup adds up.
+pub const RUN_RAYS: u32 = 512;
+/// Slots of its table: three keys a ray, and some room.
+pub const RUN_KEYS: u32 = 1792;
+/// Key of an end that the host has to find: of the first ray of a run, the others follow.
+pub const KEY_UNKNOWN: u32 = 0xFFFF_0000;
+/// Key of the sky's first lobe; the others follow.
+pub const KEY_SKY: u32 = 0xFFFF_FF00;
+/// Key of sides without patches.
+pub const KEY_ABSORBED: u32 = 0xFFFF_FF06;
+/// No key, and no patch.
+pub const NO_KEY: u32 = u32::MAX;
+/// A run that adds up all of its rays; less than this names a direction whose way they have to go.
+pub const SUM_WHOLE: u32 = 6;
+/// A run that adds up what ends on sides without patches.
+pub const SUM_ABSORBED: u32 = 7;
 
 /// Every constant that a kernel may name, as WGSL has it. A test holds each kernel against this list.
 pub const CONSTANTS: &[(&str, u32)] = &[
@@ -62,4 +80,13 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("TREE_STACK", TREE_STACK),
     ("NO_TRIANGLE", NO_TRIANGLE),
     ("NO_SOURCE", NO_SOURCE),
+    ("RAY_PARTS", RAY_PARTS),
+    ("RUN_RAYS", RUN_RAYS),
+    ("RUN_KEYS", RUN_KEYS),
+    ("KEY_UNKNOWN", KEY_UNKNOWN),
+    ("KEY_SKY", KEY_SKY),
+    ("KEY_ABSORBED", KEY_ABSORBED),
+    ("NO_KEY", NO_KEY),
+    ("SUM_WHOLE", SUM_WHOLE),
+    ("SUM_ABSORBED", SUM_ABSORBED),
 ];

@@ -20,8 +20,9 @@
 //!
 //! Start at [`adapter`], then [`GpuBackend`]; `matrix` holds the passes, `recorder` how one is run. [`news`] is what comes
 //! back of a step's light. [`rows`] advances light over sparse rows, by any method but the matrix; [`alias`] builds tables
-//! by themselves, to measure. [`rays`] follows rays through the CPU's trees, [`direct`] lights patches through those of
-//! resident chunks, [`receivers`] gathers light in the air and of detail. [`copy_bench`] is what kernels are measured against.
+//! by themselves, to measure. [`rays`] follows rays through the CPU's trees, [`ends`] adds up where they end, [`direct`]
+//! lights patches through those of resident chunks, [`receivers`] gathers light in the air and of detail. [`copy_bench`] is
+//! what kernels are measured against.
 
 pub mod adapter;
 pub mod alias;
@@ -30,6 +31,7 @@ mod backend;
 pub mod copy_bench;
 mod device;
 pub mod direct;
+pub mod ends;
 mod matrix;
 pub mod memory;
 mod mirror;

@@ -57,8 +57,8 @@ pub struct GpuRays {
     nodes: Buffer,
     placements: Buffer,
     triangles: Buffer,
-    queries: Buffer,
-    hits: Buffer,
+    pub(crate) queries: Buffer,
+    pub(crate) hits: Buffer,
     uniforms: Buffer,
     timing: Option<Timing>,
     rays_max: usize,
@@ -114,8 +114,7 @@ impl GpuRays {
     pub fn closest(&mut self, queries: &[RayQuery]) -> Result<Vec<RayHit>, BackendError> {
         let mut hits = Vec::with_capacity(queries.len());
         for queries in queries.chunks(self.rays_max) {
-            self.device.queue().write_buffer(&self.queries, 0, bytemuck::cast_slice(queries));
-            self.dispatch(queries.len())?;
+            self.trace(queries)?;
             let bytes = size_of_val(queries) / size_of::<RayQuery>() * size_of::<RayHit>();
             let read = read_now(&self.device, &self.hits, bytes as u64, |_| {})?;
             hits.extend(bytemuck::pod_collect_to_vec::<u8, RayHit>(&read));
@@ -130,6 +129,12 @@ impl GpuRays {
     pub fn again(&mut self, count: usize) -> Result<(), BackendError> {
         self.dispatch(count.min(self.rays_max))?;
         self.device.wait(self.device.queue().submit([]))
+    }
+
+    /// Traces at most as many rays as one dispatch takes; what they hit stays on the device.
+    pub(crate) fn trace(&mut self, queries: &[RayQuery]) -> Result<(), BackendError> {
+        self.device.queue().write_buffer(&self.queries, 0, bytemuck::cast_slice(queries));
+        self.dispatch(queries.len())
     }
 
     fn dispatch(&mut self, count: usize) -> Result<(), BackendError> {

@@ -22,6 +22,7 @@ pub struct Work {
 pub fn unknown(name: &str) -> Option<&'static str> {
     match name {
         "trace_closest" | "light_points" => Some("which nodes of the trees rays visit is not counted"),
+        "count_ends" => Some("how many keys the ends of rays have is found on the device"),
         "take_shooters" | "shoot_links" => Some("who shoots is decided on the device"),
         _ => None,
     }

@@ -3,7 +3,7 @@
 //!
 //! Both look into the same boxes and compute the same crossings, but a device rounds by itself: of two triangles that a ray
 //! meets within rounding (a shared edge, two walls in one plane) it may name the other, and a ray along an edge may pass.
-//! Those are counted; everything else has to be the same triangle, and then the hit is the same to the bit.
+//! Those are counted; everything else has to be the same triangle, at the same distance but for rounding.
 
 #![expect(clippy::print_stdout, reason = "a skipped test says why, and counts are wanted beside a pass")]
 
@@ -71,29 +71,24 @@ fn compare(device: &GpuDevice, name: &str, tracer: &SceneTracer<'_>, queries: &[
     let mut rays = GpuRays::new(device, &tracer.layout(), 1 << 14).expect("trees that fit");
     let hits = rays.closest(&words(queries)).expect("a device that works");
     assert_eq!(hits.len(), queries.len());
-    let (mut met, mut ties, mut edges, mut finished) = (0u32, 0u32, 0u32, 0u32);
+    let (mut met, mut ties, mut edges) = (0u32, 0u32, 0u32);
     for (query, hit) in queries.iter().zip(&hits) {
         let expected = tracer.closest(query.origin, query.direction, 0.0, query.distance_max);
-        let found = tracer.confirmed(query, named(hit));
         met += u32::from(expected.is_some());
-        finished += u32::from(found.map(|hit| hit.triangle as u32) != named(hit));
         let room = |distance: f32| ROUNDING * (distance + query.origin.abs().max_element() + 1.0);
-        match (expected, found) {
-            (Some(a), Some(b)) if a.triangle == b.triangle => {
-                assert_eq!(a, b, "{name}: {query:?}");
-                let off = (hit.distance_m - query.as_asked().2 - a.distance).abs();
-                let is_own = named(hit) == Some(a.triangle as u32);
-                assert!(!is_own || off <= room(a.distance), "{name}: {query:?}: {hit:?} for {a:?}");
+        let distance = hit.distance_m - query.as_asked().2;
+        match (expected, named(hit)) {
+            (Some(a), Some(b)) if a.triangle as u32 == b => {
+                let off = (distance - a.distance).abs();
+                assert!(off <= room(a.distance), "{name}: {query:?}: {hit:?} for {a:?}");
             }
-            (Some(a), Some(b)) if (a.distance - b.distance).abs() <= room(a.distance) => ties += 1,
+            (Some(a), Some(_)) if (a.distance - distance).abs() <= room(a.distance) => ties += 1,
             (None, None) => {}
             _ => edges += 1,
         }
     }
     let count = queries.len();
-    println!(
-        "{name}: {count} rays, {met} hit, {ties} ties, {edges} along edges, {finished} finished on the CPU"
-    );
+    println!("{name}: {count} rays, {met} hit, {ties} ties, {edges} along edges");
     assert!(met as usize * 20 > count, "{name}: {met} rays hit");
     let share = f64::from(ties + edges) / count as f64;
     assert!(share <= ELSEWHERE_MAX, "{name}: {ties} ties and {edges} along edges");
@@ -121,7 +116,9 @@ fn shared_scenes_are_hit_as_on_the_cpu() {
     };
     let files = std::fs::read_dir(folder).expect("a folder").map(|file| file.expect("a file").path());
     for file in files.filter(|file| file.extension().is_some_and(|extension| extension == "glb")) {
-        let scene = load(&file, &ImportOptions::default()).expect("a good file");
+        let mut scene = load(&file, &ImportOptions::default()).expect("a good file");
+        // Holes are not the device's business.
+        scene.materials.iter_mut().for_each(|material| material.alpha_cutoff = None);
         let queries = queries(&scene, 10_000);
         let name = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         compare(&device, &name, &SceneTracer::new(&scene), &queries);

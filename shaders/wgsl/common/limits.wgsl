@@ -20,3 +20,17 @@ const TREE_STACK: u32 = 40u;
 const NO_TRIANGLE: u32 = 0xFFFFFFFFu;
 // Of a column that no source stands for.
 const NO_SOURCE: u32 = 0xFFFFFFFFu;
+// Parts of a ray that counts whole.
+const RAY_PARTS: u32 = 1048576u;
+// Most rays whose ends one workgroup adds up.
+const RUN_RAYS: u32 = 512u;
+// Slots of its table: three keys a ray, and some room.
+const RUN_KEYS: u32 = 1792u;
+// Keys of ends that are no patches; those from KEY_UNKNOWN on name rays of the run.
+const KEY_UNKNOWN: u32 = 0xFFFF0000u;
+const KEY_SKY: u32 = 0xFFFFFF00u;
+const KEY_ABSORBED: u32 = 0xFFFFFF06u;
+const NO_KEY: u32 = 0xFFFFFFFFu;
+// What a run adds up, other than the rays that go one direction's way.
+const SUM_WHOLE: u32 = 6u;
+const SUM_ABSORBED: u32 = 7u;

@@ -20,6 +20,9 @@ struct Pass {
     is_shot: u32,           // 68  1 where light is shot
     is_leaving: u32,        // 72  1 where patches leave
     top_node: u32,          // 76  root of the tree over placements of trees
-}                           // 80
+    voxel_edge_m: f32,      // 80
+    off_surface_m: f32,     // 84  how far before a side the voxel of a ray's end is looked up
+    voxel_slots: u32,       // 88  of the table of voxels: a power of two
+}                           // 92
 
 @group(0) @binding(0) var<uniform> pass_of: Pass;

@@ -1,19 +1,6 @@
 // The closest triangle along each ray; of several as near, the first. One thread a ray.
 // CPU twin: `trace::SceneTracer::closest`, without its holes.
 
-// Crossings count with `distance_min_m < distance < distance_max_m`, in lengths of the direction.
-struct RayQuery {
-    origin: vec3<f32>,       //  0
-    distance_min_m: f32,     // 12
-    direction: vec3<f32>,    // 16
-    distance_max_m: f32,     // 28
-}                            // 32
-
-struct RayHit {
-    triangle: u32,           //  0  number of the triangle, or NO_TRIANGLE
-    distance_m: f32,         //  4
-}                            //  8
-
 @group(0) @binding(4) var<storage, read> queries: array<RayQuery>;
 @group(0) @binding(5) var<storage, read_write> hits: array<RayHit>;
 

@@ -15,6 +15,9 @@ pub const BATCH_RAYS: u32 = 64;
 /// As many batches the variance of independent rays counts for.
 const INDEPENDENT_WEIGHT: f64 = 4.0;
 
+/// Of the rays that the error so far lets expect, those that are surely needed.
+const SURE_SHARE: f64 = 0.8;
+
 /// When a row is good enough.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ErrorTarget {
@@ -75,18 +78,59 @@ fn length_squared(row: &RawRow) -> f64 {
     shares.map(|&share| f64::from(share).powi(2)).sum()
 }
 
+/// A row that gets batches until its error is met.
+#[derive(Debug, Clone)]
+pub struct Refinement {
+    target: ErrorTarget,
+    row: BatchedRow,
+    cast: u32,
+}
+
+impl Refinement {
+    /// A row without rays.
+    #[must_use]
+    pub fn new(target: ErrorTarget) -> Self {
+        Self { target, row: BatchedRow::default(), cast: 0 }
+    }
+
+    /// The next batches, as far as can be told that they will be needed; one at least.
+    pub fn due(&self) -> impl Iterator<Item = std::ops::Range<u32>> + use<> {
+        let least = f64::from(self.target.rays_min.max(2 * BATCH_RAYS));
+        let ratio = self.row.error() / f64::from(self.target.error);
+        let expected =
+            if self.row.batches < 2 { least } else { f64::from(self.cast) * ratio * ratio * SURE_SHARE };
+        let end = expected.max(least).min(f64::from(self.most())) as u32;
+        let batches = (end.saturating_sub(self.cast) / BATCH_RAYS).max(1);
+        let first = self.cast;
+        (0..batches).map(move |batch| first + batch * BATCH_RAYS..first + (batch + 1) * BATCH_RAYS)
+    }
+
+    /// Adds the next batch; whether that is enough.
+    pub fn add(&mut self, batch: &RawRow) -> bool {
+        self.row.add(batch);
+        self.cast += BATCH_RAYS;
+        let met = self.row.batches >= 2
+            && self.cast >= self.target.rays_min
+            && self.row.error() <= f64::from(self.target.error);
+        met || self.cast.saturating_add(BATCH_RAYS) > self.most()
+    }
+
+    fn most(&self) -> u32 {
+        self.target.rays_max.max(2 * BATCH_RAYS)
+    }
+
+    /// The mean of the batches so far.
+    #[must_use]
+    pub fn mean(&self) -> RawRow {
+        self.row.clone().mean()
+    }
+}
+
 /// Adds batches from `next` until `target` is met or its most rays are spent.
 pub fn refine(target: ErrorTarget, mut next: impl FnMut(std::ops::Range<u32>) -> RawRow) -> BatchedRow {
-    let mut row = BatchedRow::default();
-    let mut cast = 0;
-    loop {
-        row.add(&next(cast..cast + BATCH_RAYS));
-        cast += BATCH_RAYS;
-        let met = row.batches >= 2 && cast >= target.rays_min && row.error() <= f64::from(target.error);
-        if met || cast.saturating_add(BATCH_RAYS) > target.rays_max.max(2 * BATCH_RAYS) {
-            return row;
-        }
-    }
+    let mut refinement = Refinement::new(target);
+    while !refinement.add(&next(refinement.cast..refinement.cast + BATCH_RAYS)) {}
+    refinement.row
 }
 
 /// The row of patch `index`, with as many rays as `target` asks for.

@@ -4,7 +4,8 @@
 //! and what a small lamp sends to a large wall its own rays tell better than the wall's. All ways give a [`RawRow`] a patch, alike in all that comes after. Start at [`Estimator::new`].
 
 use crate::BakeError;
-use crate::adaptive::{BATCH_RAYS, ErrorTarget, refined_row};
+use crate::adaptive::{BATCH_RAYS, ErrorTarget, Refinement, refined_row};
+use crate::counted_rows::{RayPlan, RowInquiry};
 use crate::patches::PatchSet;
 use crate::point_rows::PointSums;
 use crate::rows::{RawRow, RowCaster};
@@ -58,34 +59,58 @@ impl<'a> Estimator<'a> {
     /// The row of patch `index`. Its `rays` are those cast for it, or what it weighs as much as.
     #[must_use]
     pub fn row(&self, index: u32) -> RawRow {
-        let factor = if emits(self.caster.set, index as usize) { self.emitter_factor } else { 1 };
-        let times = |rays: u32| rays.saturating_mul(factor).min(BakeMethod::RAYS_MAX);
         match &self.way {
-            Way::Rays(rays) => self.caster.row(index, times(*rays)),
-            Way::Refined(target) => {
-                // So many more rays are worth the root of it.
-                let error = target.error / (factor as f32).sqrt();
-                refined_row(
-                    &self.caster,
-                    index,
-                    ErrorTarget { error, rays_max: times(target.rays_max), ..*target },
-                )
-            }
+            Way::Rays(rays) => self.caster.row(index, self.times(index, *rays)),
+            Way::Refined(target) => refined_row(&self.caster, index, self.own_target(index, target)),
             Way::Points(points) => points.row(&self.caster, index),
         }
     }
+
+    /// How often the usual rays patch `index` casts.
+    fn factor(&self, index: u32) -> u32 {
+        if emits(self.caster.set, index as usize) { self.emitter_factor } else { 1 }
+    }
+
+    fn times(&self, index: u32, rays: u32) -> u32 {
+        rays.saturating_mul(self.factor(index)).min(BakeMethod::RAYS_MAX)
+    }
+
+    fn own_target(&self, index: u32, target: &ErrorTarget) -> ErrorTarget {
+        // So many more rays are worth the root of it.
+        let error = target.error / (self.factor(index) as f32).sqrt();
+        ErrorTarget { error, rays_max: self.times(index, target.rays_max), ..*target }
+    }
 }
 
-impl Estimator<'_> {
+impl<'a> Estimator<'a> {
+    /// The row of patch `index` for a device to count the ends of: of the same rays as [`Self::row`].
+    ///
+    /// # Panics
+    /// If rows are sums over points: they have no rays.
+    pub(crate) fn inquiry(&self, index: u32) -> RowInquiry<'a> {
+        let (plan, most) = match &self.way {
+            Way::Rays(rays) => {
+                let rays = self.times(index, *rays);
+                (RayPlan::Fixed(rays), rays)
+            }
+            Way::Refined(target) => {
+                let target = self.own_target(index, target);
+                (RayPlan::Refined(Refinement::new(target)), target.rays_max)
+            }
+            Way::Points(_) => unreachable!("sums over points have the whole world, and no device"),
+        };
+        let (caster, source, spread) =
+            (self.caster, self.caster.source(index), self.caster.spread(index, most));
+        RowInquiry { caster, source, spread, plan }
+    }
+
     /// Casts the rays that [`Self::row`] casts for a row that comes to rest on `rays` of them, whatever they find.
     pub(crate) fn recast(&self, index: u32, rays: u32) {
         let Way::Refined(target) = &self.way else {
             drop(self.row(index));
             return;
         };
-        let factor = if emits(self.caster.set, index as usize) { self.emitter_factor } else { 1 };
-        let spread =
-            self.caster.spread(index, target.rays_max.saturating_mul(factor).min(BakeMethod::RAYS_MAX));
+        let spread = self.caster.spread(index, self.times(index, target.rays_max));
         for first in (0..rays).step_by(BATCH_RAYS as usize) {
             drop(self.caster.run(index, &spread, first..first + BATCH_RAYS));
         }

@@ -6,9 +6,8 @@
 
 use crate::cells::Seen;
 use crate::changes::Changes;
-use crate::foresight::Foresight;
 use earthshine_scene::Scene;
-use earthshine_trace::{Hit, Query, SceneTracer};
+use earthshine_trace::{Hit, SceneTracer};
 use earthshine_world::{Vec3, VoxelCoord};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,8 +17,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub struct Eye<'a> {
     tracer: &'a SceneTracer<'a>,
     purpose: Purpose<'a>,
-    /// Rays that a device has traced already.
-    foresight: Option<&'a Foresight>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -104,7 +101,7 @@ impl<'a> Probe<'a> {
 
 impl<'a> From<&'a SceneTracer<'a>> for Eye<'a> {
     fn from(tracer: &'a SceneTracer<'a>) -> Self {
-        Self { tracer, purpose: Purpose::Look, foresight: None }
+        Self { tracer, purpose: Purpose::Look }
     }
 }
 
@@ -112,22 +109,17 @@ impl<'a> Eye<'a> {
     /// Notes in `seen` what rays cross.
     #[must_use]
     pub fn noting(tracer: &'a SceneTracer<'a>, seen: &'a Seen<'a>) -> Self {
-        Self { tracer, purpose: Purpose::Note(seen), foresight: None }
+        Self { tracer, purpose: Purpose::Note(seen) }
     }
 
     /// Leaves its rays in `trail`.
     pub(crate) fn trailing(tracer: &'a SceneTracer<'a>, trail: &'a Trail) -> Self {
-        Self { tracer, purpose: Purpose::Trail(trail), foresight: None }
+        Self { tracer, purpose: Purpose::Trail(trail) }
     }
 
     /// Does not look, and has `probe` asked about each ray.
     pub(crate) fn asking(tracer: &'a SceneTracer<'a>, probe: &'a Probe<'a>) -> Self {
-        Self { tracer, purpose: Purpose::Ask(probe), foresight: None }
-    }
-
-    /// The same, with foresight if there is any.
-    pub(crate) fn foreseeing(self, foresight: Option<&'a Foresight>) -> Self {
-        Self { foresight, ..self }
+        Self { tracer, purpose: Purpose::Ask(probe) }
     }
 
     /// What is looked at.
@@ -145,10 +137,7 @@ impl<'a> Eye<'a> {
     /// As [`SceneTracer::closest`] from a distance of zero on.
     #[must_use]
     pub fn closest(&self, origin: Vec3, direction: Vec3, distance_max: f32) -> Option<Hit> {
-        let look = || match self.foresight {
-            Some(foresight) => foresight.closest(self.tracer, Query { origin, direction, distance_max }),
-            None => self.tracer.closest(origin, direction, 0.0, distance_max),
-        };
+        let look = || self.tracer.closest(origin, direction, 0.0, distance_max);
         let reach = |hit: &Option<Hit>| hit.map_or(distance_max, |hit| hit.distance);
         match self.purpose {
             Purpose::Look => look(),

@@ -3,7 +3,6 @@
 //! A file of the work folder is good as it is, or good but for the rows whose rays come to what changed since, or of no
 //! use. Rows go in units that are traced together: one for a patch, six for a voxel of air.
 
-use crate::BakeError;
 use crate::changes::Changes;
 use crate::row_files::{self, FoundRows, RowIndex};
 use crate::rows::RawRow;
@@ -64,22 +63,19 @@ impl Kept {
 
     /// All `units` of `per` rows each: as kept, or from `trace`, which is given all at once, where there is nothing, or a
     /// patch is gone, or `is_concerned` by what changed.
-    ///
-    /// # Errors
-    /// Those of `trace`.
     pub(crate) fn renewed(
         self,
         (units, per): (usize, usize),
         is_concerned: impl Fn(usize, &[RawRow], &Changes) -> bool + Sync,
-        trace: impl Fn(&[usize]) -> Result<Vec<Vec<RawRow>>, BakeError>,
-    ) -> Result<Renewal, BakeError> {
+        trace: impl Fn(&[usize]) -> Vec<Vec<RawRow>>,
+    ) -> Renewal {
         let all: Vec<usize> = (0..units).collect();
         let (found, changes) = match self {
             Self::Earlier(found, changes) => (found, changes),
             Self::All(_) | Self::Nothing(_) => {
-                let rows = trace(&all)?.concat();
+                let rows = trace(&all).concat();
                 let stale = if let Self::Nothing(stale) = self { stale } else { Stale::Absent };
-                return Ok(Renewal { rows, is_new: vec![true; units], stale: Some(stale), index: None });
+                return Renewal { rows, is_new: vec![true; units], stale: Some(stale), index: None };
             }
         };
         let own = |unit: usize| unit * per..(unit + 1) * per;
@@ -89,13 +85,13 @@ impl Kept {
         let is_new: Vec<bool> = all.par_iter().map(has_to).collect();
         let new: Vec<usize> = all.into_iter().filter(|&unit| is_new[unit]).collect();
         let mut rows = found.rows;
-        for (&unit, traced) in new.iter().zip(trace(&new)?) {
+        for (&unit, traced) in new.iter().zip(trace(&new)) {
             rows.splice(own(unit), traced);
         }
         let at = changes.example().to_array();
         let renewed = new.len() as u32;
         let stale = (renewed > 0).then_some(Stale::Part { renewed, of: units as u32, at });
         let index = stale.is_none().then_some(found.index);
-        Ok(Renewal { rows, is_new, stale, index })
+        Renewal { rows, is_new, stale, index }
     }
 }

@@ -12,6 +12,9 @@
 //! 5. `emit`: chunks become tiles;
 //! 6. [`pyramid`]: coarse levels are merged from finer tiles; the manifest is written last.
 //!
+//! Where there is a device, it follows the rays of 2 and 3 and adds up their ends: rows ask (`inquiry`), and are made here
+//! of what comes back, or of the CPU's own rays.
+//!
 //! [`builder`] chooses among samples and patches, [`estimator`] among rows; `BUILDERS.md` compares them.
 //!
 //! The bytes depend on the scene, the parameters and the seed alone: not on threads, nor on how many processes
@@ -28,20 +31,23 @@ pub mod clip;
 pub mod clusters;
 mod coarse_exchange;
 pub mod content;
+mod counted_receivers;
+mod counted_rows;
 pub mod detail;
 mod detail_stage;
 mod emit;
 mod emitted;
+mod end_places;
 mod error;
 pub mod estimator;
 pub mod exposure;
 mod exposure_record;
 pub mod eye;
 mod finished_world;
-mod foresight;
 pub mod hammersley;
 pub mod hidden;
 pub mod identity;
+mod inquiry;
 mod kept_rows;
 pub mod memory;
 mod offload;
@@ -74,7 +80,8 @@ mod words;
 pub mod work_folder;
 
 // Whoever drives the stages one by one needs it.
-pub use earthshine_trace::{CasterError, Query, RayCaster, RayDevice, SceneTracer};
+pub use earthshine_trace::ends;
+pub use earthshine_trace::{CasterError, EndCounter, Query, RayDevice, SceneTracer};
 pub use error::BakeError;
 pub use memory::MemoryLimit;
 pub use progress::{Progress, Silent, Stage};

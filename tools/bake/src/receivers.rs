@@ -11,12 +11,12 @@ use crate::receiver_places::{Candidate, Voxel, candidate};
 use crate::rows::{RawRow, RowCaster, patch_key};
 use earthshine_trace::hemisphere::spread_pair;
 use earthshine_world::random::{Purpose, hash, unit_f32, unit_pair};
-use earthshine_world::{Direction, ReceiverPlace, Vec3};
+use earthshine_world::{Direction, ReceiverPlace, Vec3, VoxelCoord};
 
 /// Air from which more than this share of the rays end on sides without patches is inside of something.
 const ABSORBED_SHARE_MAX: f32 = 0.5;
 /// Rays after which a clear case of that is decided, and what is clear.
-const FIRST_RAYS: u32 = 64;
+pub(crate) const FIRST_RAYS: u32 = 64;
 const CLEARLY_ABSORBED: f32 = 0.8;
 
 /// One receiver and its row.
@@ -44,13 +44,9 @@ impl ReceiverBake<'_> {
     /// Six rows; empty ones where there is a patch, and everywhere if the voxel is inside of something. How many rays
     /// that took.
     pub(crate) fn rows(&self, candidate: &Candidate) -> ([RawRow; 6], u64) {
-        let rays = self.caster.parameters.receiver_rays;
-        let key = patch_key(candidate.voxel, 0);
-        let shift = unit_pair(hash(self.caster.parameters.seed, Purpose::ReceiverRay, key, 0));
         let mut rows: [RawRow; 6] = Default::default();
-        let (mut weights, mut absorbed) = ([0.0f32; 6], 0.0f32);
-        for index in 0..rays {
-            let direction = sphere_direction(index, shift);
+        let (mut weights, mut absorbed, mut first_absorbed) = ([0.0f32; 6], 0.0f32, 0.0);
+        for (index, direction) in (0..).zip(self.directions(candidate.voxel)) {
             let end = self.caster.end(candidate.place, direction);
             absorbed += end.absorbed_share();
             for axis in 0..3 {
@@ -61,13 +57,47 @@ impl ReceiverBake<'_> {
                     rows[facing].add(&end, direction, weight);
                 }
             }
-            if index + 1 == FIRST_RAYS && absorbed > CLEARLY_ABSORBED * FIRST_RAYS as f32 {
-                return (Default::default(), u64::from(FIRST_RAYS));
+            if index + 1 == FIRST_RAYS {
+                first_absorbed = absorbed;
+                if is_clearly_inside(absorbed) {
+                    break;
+                }
             }
         }
-        if absorbed > ABSORBED_SHARE_MAX * rays as f32 {
-            return (Default::default(), u64::from(rays));
+        match self.inside(first_absorbed, absorbed) {
+            Some(rays) => (Default::default(), rays),
+            None => {
+                let rays = u64::from(self.caster.parameters.receiver_rays);
+                (self.finished(rows, weights, candidate.voxel), rays)
+            }
         }
+    }
+
+    /// The directions of the rays of `voxel`, in order.
+    pub(crate) fn directions(&self, voxel: VoxelCoord) -> impl Iterator<Item = Vec3> + use<> {
+        let parameters = self.caster.parameters;
+        let shift = unit_pair(hash(parameters.seed, Purpose::ReceiverRay, patch_key(voxel, 0), 0));
+        (0..parameters.receiver_rays).map(move |index| sphere_direction(index, shift))
+    }
+
+    /// The rays that it takes to tell air that is inside of something, of which the first and all so far have so much
+    /// absorbed; `None` outside.
+    pub(crate) fn inside(&self, first_absorbed: f32, absorbed: f32) -> Option<u64> {
+        let rays = self.caster.parameters.receiver_rays;
+        if is_clearly_inside(first_absorbed) {
+            return Some(u64::from(FIRST_RAYS));
+        }
+        (absorbed > ABSORBED_SHARE_MAX * rays as f32).then_some(u64::from(rays))
+    }
+
+    /// `rows` of `voxel`, whose rays weigh `weights`, as shares, and thinned.
+    pub(crate) fn finished(
+        &self,
+        mut rows: [RawRow; 6],
+        weights: [f32; 6],
+        voxel: VoxelCoord,
+    ) -> [RawRow; 6] {
+        let key = patch_key(voxel, 0);
         for (direction, row) in rows.iter_mut().enumerate() {
             row.merge();
             row.scale(1.0 / weights[direction].max(f32::MIN_POSITIVE));
@@ -76,8 +106,12 @@ impl ReceiverBake<'_> {
             let glows = |patch: u32| self.caster.set.patches[patch as usize].patch.emission != Vec3::ZERO;
             thin(&mut row.entries, self.caster.parameters.receiver_columns as usize, draw, glows);
         }
-        (rows, u64::from(rays))
+        rows
     }
+}
+
+fn is_clearly_inside(first_absorbed: f32) -> bool {
+    first_absorbed > CLEARLY_ABSORBED * FIRST_RAYS as f32
 }
 
 /// Direction `index` of a set that covers the sphere evenly.

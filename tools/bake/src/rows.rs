@@ -7,6 +7,7 @@ use crate::places::{Owners, Place};
 use crate::sample::{SurfaceSample, side_of, voxel_of};
 use crate::spread::Spread;
 use earthshine_tiles::BakeParameters;
+use earthshine_trace::ends::{RAY_PARTS, RunEnds};
 use earthshine_trace::hemisphere::cosine_direction;
 use earthshine_trace::{Hit, SceneTracer};
 use earthshine_world::{AxisWeights, Vec3};
@@ -82,19 +83,31 @@ impl<'a> RowCaster<'a> {
 
     /// The same for any patch made of the samples, one of the set or not.
     pub(crate) fn cast(&self, source: &BakePatch, spread: &Spread, run: Range<u32>) -> RawRow {
-        let off_surface_m = RAY_OFFSET * self.parameters.grid.voxel_edge_m;
         let rays = run.len() as u32;
         let share = 1.0 / rays as f32;
         let mut row = RawRow { entries: Vec::with_capacity(rays as usize), rays, ..RawRow::default() };
-        for (place, ray) in run.enumerate() {
-            let (u, v) = spread.pair(ray);
-            let sample = &self.samples[source.sample_at((place as f32 + 0.5) * share) as usize];
-            let direction = cosine_direction(sample.normal, u, v);
-            let origin = sample.position + sample.normal * off_surface_m;
+        for ray in run.clone() {
+            let (origin, direction) = self.ray(source, spread, &run, ray);
             row.add(&self.end(origin, direction), direction, share);
         }
         row.merge();
         row
+    }
+
+    /// Where ray `ray` of `run` begins and its unit direction. The one rule for rays cast here and on a device.
+    pub(crate) fn ray(
+        &self,
+        source: &BakePatch,
+        spread: &Spread,
+        run: &Range<u32>,
+        ray: u32,
+    ) -> (Vec3, Vec3) {
+        let off_surface_m = RAY_OFFSET * self.parameters.grid.voxel_edge_m;
+        let (share, place) = (1.0 / run.len() as f32, (ray - run.start) as f32);
+        let sample = &self.samples[source.sample_at((place + 0.5) * share) as usize];
+        let (u, v) = spread.pair(ray);
+        let direction = cosine_direction(sample.normal, u, v);
+        (sample.position + sample.normal * off_surface_m, direction)
     }
 
     /// Where the ray from `origin` along unit `direction` ends. The one rule for patches' rows and receivers'.
@@ -142,6 +155,21 @@ impl RawRow {
         match *end {
             RayEnd::Sky => add_sky(&mut self.sky, direction, share),
             RayEnd::Surface(owners) => self.add_hit(owners, share),
+        }
+    }
+
+    /// Adds ends that a device counted, where a whole ray stands for `share`; [`Self::merge`] has to follow.
+    pub(crate) fn add_counted(&mut self, runs: &[RunEnds], share: f64) {
+        let part = share / f64::from(RAY_PARTS);
+        let sum =
+            |parts: &mut dyn Iterator<Item = u32>| (parts.map(u64::from).sum::<u64>() as f64 * part) as f32;
+        let mut counted: Vec<(u32, u32)> = runs.iter().flat_map(|run| run.patches.iter().copied()).collect();
+        counted.sort_unstable();
+        let by_patch = counted.chunk_by(|a, b| a.0 == b.0);
+        self.entries.extend(by_patch.map(|own| (own[0].0, sum(&mut own.iter().map(|entry| entry.1)))));
+        self.absorbed += sum(&mut runs.iter().map(|run| run.absorbed));
+        for (lobe, of_sky) in self.sky.iter_mut().enumerate() {
+            *of_sky += sum(&mut runs.iter().map(|run| run.sky[lobe]));
         }
     }
 

@@ -9,6 +9,7 @@ use crate::cells::Cells;
 use crate::content::SceneContent;
 use crate::detail_stage;
 use crate::emit::{Emitter, Parts, occluders};
+use crate::end_places::end_places;
 use crate::finished_world::{Before, before, remove_unlisted};
 use crate::memory::{self, MemoryLimit, Trees};
 use crate::offload::Offload;
@@ -79,9 +80,9 @@ pub fn bake(
     bake_on(None, scene, world, options, progress)
 }
 
-/// As [`bake`], with the rays of rows and of receivers in the air traced on `device`, if there is one. What is baked is the
-/// same but for rays that pass an edge or meet two triangles within rounding. When the device fails, `progress` hears of
-/// it and the CPU traces the rest.
+/// As [`bake`], with the rays of rows and of receivers in the air traced on `device`, if there is one, and their ends
+/// counted there. What is baked is the same but for rounding and rays that pass an edge within it. When the device fails,
+/// `progress` hears of it and the CPU traces the rest.
 ///
 /// # Errors
 /// [`BakeError`]; the world is then as it was, plus the work folder.
@@ -171,7 +172,7 @@ pub(crate) struct Run<'a> {
 pub(crate) struct Known<'a> {
     pub(crate) source: &'a SurfaceSource<'a>,
     pub(crate) tracer: &'a SceneTracer<'a>,
-    /// Traces many rays at once, against the same scene.
+    /// The device that counts ends of rays, if there is one.
     pub(crate) offload: &'a Offload<'a>,
     pub(crate) set: &'a PatchSet,
     /// By chunk: changes with its surfaces.
@@ -213,7 +214,6 @@ impl<'a> Run<'a> {
             Trees::OfMeshes => SceneTracer::of_meshes(scene),
         };
         self.summary.tree_bytes = tracer.tree_bytes() as u64;
-        let offload = Offload::new(device, &tracer, self.progress);
         self.end(Stage::Tree);
         let builder = Builder { tracer: &tracer, parameters };
         let whole = self.whole(&builder);
@@ -229,12 +229,13 @@ impl<'a> Run<'a> {
         self.summary.memory_estimate_bytes = needed;
         self.options.memory.check(needed, "the scene and its patches", edge_m)?;
         let (key, states) = (self.common_key(&cells), States::begin(work, &cells)?);
+        let offload = Offload::new(device, &tracer, || end_places(scene, &set, parameters), self.progress);
         let (source, tracer, set, offload) = (&source, &tracer, &set, &offload);
         let known = Known { source, tracer, offload, set, identities, cells, states, key };
         let rows = tracing::rows(self, &known)?;
         let receivers = tracing::receivers(self, &known)?;
         detail_stage::trace(self, &known)?;
-        self.summary.device_failure = offload.failure();
+        offload.book(self.summary);
         let (scaling, balance) = rows.balance(&self.visits(set), self.progress)?;
         self.summary.balance = balance;
         self.end(Stage::Reciprocity);

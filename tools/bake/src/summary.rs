@@ -77,6 +77,13 @@ pub struct BakeSummary {
     pub up_to_date: bool,
     /// Rays that told how exposed points are, in this run.
     pub exposure_rays: u64,
+    /// Rays of rows and receivers whose ends a device counted.
+    pub device_rays: u64,
+    /// Those of them that it gave back to be cast on the CPU: they met a triangle that may have holes, or places that
+    /// patches left out.
+    pub device_returned_rays: u64,
+    /// What was read back from the device, bytes.
+    pub device_read_bytes: u64,
     /// What the device that rays were traced on failed of, if it did: the CPU traced the rest.
     pub device_failure: Option<String>,
     /// Rays of rows a second and core, in millions, while rows were traced.

@@ -3,9 +3,10 @@
 use crate::BakeError;
 use crate::balance::RowStore;
 use crate::changes::Changes;
+use crate::counted_receivers::ReceiverInquiry;
 use crate::estimator::{Estimator, emitter_factor};
 use crate::eye::{Answer, Eye, Probe};
-use crate::foresight::{Foresight, trace_all};
+use crate::inquiry::count_all;
 use crate::kept_rows::{Kept, Renewal};
 use crate::progress::Stage;
 use crate::receiver_places::{Voxel, chunks_near_patches, voxels_near_patches};
@@ -52,13 +53,16 @@ pub(crate) fn rows<'k, 'r: 'k>(run: &mut Run<'r>, known: &Known<'k>) -> Result<R
         }
         let renewal = match &of_world {
             Some(estimator) => {
-                let trace = |row: usize, _: Option<&Foresight>| vec![estimator.row(range.start + row as u32)];
-                let advance = || run.progress.advance(rays);
-                let trace_rows = |rows: &[usize]| Ok(trace_all(None, rows, 1, &advance, trace));
+                let trace = |&row: &usize| {
+                    let traced = vec![estimator.row(range.start + row as u32)];
+                    run.progress.advance(rays);
+                    traced
+                };
+                let trace_rows = |rows: &[usize]| rows.par_iter().map(trace).collect();
                 kept.renewed((range.len(), 1), |_, _, _| true, trace_rows)
             }
             None => rows_of_chunk(run, known, &known.source.of(chunk, set)?, factor, kept),
-        }?;
+        };
         let new = renewal.rows.iter().zip(&renewal.is_new).filter(|(_, is_new)| **is_new);
         cast.fetch_add(new.map(|(row, _)| u64::from(row.rays)).sum(), Ordering::Relaxed);
         if let Some(index) = renewal.index.filter(|_| !known.states.renew_all) {
@@ -90,15 +94,16 @@ fn rows_of_chunk(
     surfaces: &ChunkSurfaces<'_>,
     factor: u32,
     kept: Kept,
-) -> Result<Renewal, BakeError> {
+) -> Renewal {
     let (caster, first) = (caster(run, known, surfaces, known.tracer.into()), surfaces.first);
     let rays = run.parameters().rays_per_patch;
     let advance = || run.progress.advance(u64::from(rays));
-    let trace = |row: usize, foresight: Option<&Foresight>| {
-        let looking = RowCaster { tracer: caster.tracer.foreseeing(foresight), ..caster };
-        vec![Estimator::with_factor(looking, factor).row(first + row as u32)]
+    let estimator = Estimator::with_factor(caster, factor);
+    let inquiry = |row: usize| estimator.inquiry(first + row as u32);
+    let on_cpu = |row: usize| estimator.row(first + row as u32);
+    let trace_rows = |rows: &[usize]| {
+        count_all(known.offload, rows, inquiry, on_cpu, &advance).into_iter().map(|row| vec![row]).collect()
     };
-    let trace_rows = |rows: &[usize]| Ok(trace_all(Some(known.offload), rows, rays, &advance, trace));
     let is_concerned = |row: usize, old: &[RawRow], changes: &Changes| {
         let probe = Probe::new(changes, Answer::Sky);
         let asking = RowCaster { tracer: Eye::asking(known.tracer, &probe), ..caster };
@@ -141,15 +146,14 @@ pub(crate) fn receivers(run: &mut Run<'_>, known: &Known<'_>) -> Result<Receiver
         let surfaces = known.source.of(chunk, set)?;
         let caster = caster(run, known, &surfaces, known.tracer.into());
         let looking = ReceiverBake { caster };
-        let trace = |voxel: usize, foresight: Option<&Foresight>| {
-            let caster = RowCaster { tracer: caster.tracer.foreseeing(foresight), ..caster };
-            ReceiverBake { caster }.rows(&looking.candidate(&voxels[voxel]))
-        };
+        let candidate = |voxel: usize| looking.candidate(&voxels[voxel]);
+        let inquiry = |voxel: usize| ReceiverInquiry { bake: looking, candidate: candidate(voxel) };
+        let on_cpu = |voxel: usize| looking.rows(&candidate(voxel));
         let cast = AtomicU64::new(0);
         let trace_voxels = |voxels: &[usize]| {
-            let traced = trace_all(Some(known.offload), voxels, parameters.receiver_rays, &|| (), trace);
+            let traced = count_all(known.offload, voxels, inquiry, on_cpu, &|| ());
             cast.fetch_add(traced.iter().map(|(_, rays)| rays).sum(), Ordering::Relaxed);
-            Ok(traced.into_iter().map(|(rows, _)| rows.to_vec()).collect())
+            traced.into_iter().map(|(rows, _)| rows.to_vec()).collect()
         };
         let is_concerned = |voxel: usize, _: &[RawRow], changes: &Changes| {
             let (low, high) = around(grid, voxels[voxel].at);
@@ -160,7 +164,7 @@ pub(crate) fn receivers(run: &mut Run<'_>, known: &Known<'_>) -> Result<Receiver
                 probe.is_concerned()
             }
         };
-        let renewal = kept.renewed((voxels.len(), 6), is_concerned, trace_voxels)?;
+        let renewal = kept.renewed((voxels.len(), 6), is_concerned, trace_voxels);
         if renewal.index.is_none() || known.states.renew_all {
             let payload = row_files::encode(&renewal.rows, set, &grid);
             run.files.work.write(Kind::Receivers, 0, chunk, &now, &payload)?;

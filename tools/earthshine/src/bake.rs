@@ -59,8 +59,9 @@ pub(crate) struct BakeArguments {
     /// the bake of an edited scene quick.
     #[arg(long)]
     discard_work: bool,
-    /// Trace the rays of rows and of receivers in the air on the best graphics adapter, which has to be there; should it
-    /// fail, this is said and the CPU traces the rest. Shares are the same but for rays that pass an edge within rounding.
+    /// Trace the rays of rows and of receivers in the air on the best graphics adapter, which has to be there, and add up
+    /// there where they end; should it fail, this is said and the CPU does the rest. Shares are the same but for rounding and
+    /// rays that pass an edge within it.
     #[arg(long)]
     gpu: bool,
     /// Part of the name of the adapter that has to trace; `earthshine gpu` lists them. A software adapter is taken only if
@@ -178,6 +179,14 @@ fn print_summary(summary: &BakeSummary, world: &std::path::Path) {
         summary.mrays_s_core_whole,
         summary.seconds
     );
+    if summary.device_rays > 0 {
+        let rays = summary.device_rays as f64;
+        out!(
+            "{rays} rays counted on the device, {:.2} % of them cast on the CPU; {:.1} bytes read back a ray",
+            100.0 * summary.device_returned_rays as f64 / rays,
+            summary.device_read_bytes as f64 / rays
+        );
+    }
     if summary.receivers > 0 {
         let (receivers, nonzeros) = (summary.receivers, summary.receiver_nonzeros);
         out!("{receivers} receivers of light in the air, {nonzeros} form factors");

@@ -1,8 +1,6 @@
-//! Who traces many rays at once: a device, or nobody. What it says is confirmed by the tracer it was made from
-//! ([`SceneTracer::confirmed`](crate::SceneTracer::confirmed)).
+//! A ray as devices are asked for it, and why they may not answer.
 
 use crate::run_up;
-use earthshine_light::TreeLayout;
 use earthshine_world::Vec3;
 use obvhs::ray::Ray;
 
@@ -41,22 +39,3 @@ impl std::fmt::Display for CasterError {
 }
 
 impl std::error::Error for CasterError {}
-
-/// A device that trees can be put on.
-pub trait RayDevice: Sync {
-    /// Puts `layout` on it.
-    ///
-    /// # Errors
-    /// [`CasterError`]: it has no room, or is gone.
-    fn caster(&self, layout: &TreeLayout) -> Result<Box<dyn RayCaster>, CasterError>;
-}
-
-/// Traces many rays at once against the scene of one tracer.
-pub trait RayCaster: Send + Sync + std::fmt::Debug {
-    /// The number of the first triangle along each of `queries`, holes of alpha masks not thought of; `None` where there is
-    /// none. Of several as near, the one with the least number.
-    ///
-    /// # Errors
-    /// [`CasterError`]: the device is gone or full.
-    fn first_triangles(&self, queries: &[Query]) -> Result<Vec<Option<u32>>, CasterError>;
-}

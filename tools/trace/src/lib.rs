@@ -6,16 +6,18 @@
 //! business. Start at [`SceneTracer::closest`].
 
 mod caster;
+pub mod ends;
 mod flat;
 pub mod hemisphere;
 mod two_level;
 
-pub use crate::caster::{CasterError, Query, RayCaster, RayDevice};
+pub use crate::caster::{CasterError, Query};
+pub use crate::ends::{EndCounter, RayDevice};
 
 use crate::flat::Flat;
 use crate::two_level::TwoLevel;
 use earthshine_light::TreeLayout;
-use earthshine_light::ray_triangle::{Crossing, RayTriangle, ray};
+use earthshine_light::ray_triangle::{Crossing, ray};
 use earthshine_scene::{Scene, Surface};
 use earthshine_world::Vec3;
 use obvhs::BvhBuildParams;
@@ -142,10 +144,20 @@ impl<'scene> SceneTracer<'scene> {
         distance_min: f32,
         distance_max: f32,
     ) -> Option<Hit> {
-        let mut ray = run_up(origin, direction, distance_min, distance_max);
+        let ray = run_up(origin, direction, distance_min, distance_max);
+        self.closest_of(ray, |hit| !self.is_hole(hit))
+    }
+
+    /// As [`Self::closest`] from a distance of zero on, where holes count as well.
+    fn first(&self, query: &Query) -> Option<Hit> {
+        self.closest_of(query.ray(), |_| true)
+    }
+
+    #[inline]
+    fn closest_of(&self, mut ray: Ray, counts: impl Fn(&Hit) -> bool) -> Option<Hit> {
         let mut closest: Option<Hit> = None;
         self.offer(&mut ray, |hit, ray| {
-            if closest.is_none_or(|other| hit.is_before(&other)) && !self.is_hole(&hit) {
+            if closest.is_none_or(|other| hit.is_before(&other)) && counts(&hit) {
                 ray.tmax = ray.tmax.min(hit.distance * (1.0 + TIE_ROOM) + RUN_UP_M);
                 closest = Some(hit);
             }
@@ -172,19 +184,6 @@ impl<'scene> SceneTracer<'scene> {
         match &self.trees {
             Trees::Flat(flat) => flat.layout(),
             Trees::TwoLevel(two_level) => two_level.layout(self.scene),
-        }
-    }
-
-    /// What [`Self::closest`] finds where a device says that `triangle` is the first along `query`. A crossing that is a
-    /// hole, or that the CPU does not see, is looked for here: what comes back is a hit of this tracer, to the bit.
-    #[must_use]
-    pub fn confirmed(&self, query: &Query, triangle: Option<u32>) -> Option<Hit> {
-        let found = triangle?;
-        let corners = self.scene.triangles[found as usize];
-        let crossing = RayTriangle::new(corners).crossing(&query.ray());
-        match crossing.map(|crossing| Hit::of(found, crossing)) {
-            Some(hit) if !self.is_hole(&hit) => Some(Hit { distance: hit.distance - RUN_UP_M, ..hit }),
-            _ => self.closest(query.origin, query.direction, 0.0, query.distance_max),
         }
     }
 

@@ -15,7 +15,9 @@ use crate::device::GpuDevice;
 use crate::readback::read_now;
 use crate::recorder::{Recorder, folded, uniform_buffer};
 use earthshine_shaders::host::{Link, LiveRow, Pass, Resident};
-use earthshine_shaders::kernel::{GATHER_RECEIVERS, KERNELS, Kernel, LIGHT_POINTS, TRACE_CLOSEST};
+use earthshine_shaders::kernel::{
+    COUNT_ENDS, GATHER_RECEIVERS, KERNELS, Kernel, LIGHT_POINTS, TRACE_CLOSEST,
+};
 use earthshine_shaders::limits::LANES;
 use earthshine_world::random::{Purpose, hash, unit_f32};
 use std::cell::RefCell;
@@ -31,8 +33,9 @@ const TOLERANCE: f64 = 1e-4;
 const MARGIN: [u8; 64] = [0xA5; 64];
 
 /// Kernels that are held against their twins, at such sizes, where what they work on is at hand.
-const ELSEWHERE: [(Kernel, &str); 3] = [
+const ELSEWHERE: [(Kernel, &str); 4] = [
     (TRACE_CLOSEST, include_str!("../../tests/rays.rs")),
+    (COUNT_ENDS, include_str!("../../tests/ends.rs")),
     (LIGHT_POINTS, include_str!("../../tests/direct.rs")),
     (GATHER_RECEIVERS, include_str!("../receiver_tests.rs")),
 ];

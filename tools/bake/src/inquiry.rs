@@ -1,0 +1,118 @@
+//! Rows whose rays end on a device: many ask at once, hear where their rays end, and may ask again.
+//!
+//! The rays are those that the CPU casts for the same row, from the same seeds, and what comes back is what it would have
+//! added up, but for rounding, rays along edges, and rays that come back to be cast here. When the device fails, the CPU
+//! makes what is not made yet. [`count_all`] drives it; `counted_rows` and `counted_receivers` ask.
+
+use crate::offload::Offload;
+use earthshine_trace::Query;
+use earthshine_trace::ends::{RUN_RAYS_MAX, Run, RunEnds, RunSum};
+use rayon::prelude::*;
+use std::collections::VecDeque;
+
+/// Rays of one question to a device, if one asker alone does not ask for more: 8 MiB.
+const QUESTION_RAYS: usize = 1 << 18;
+
+/// What one asker wants to know.
+#[derive(Debug, Default)]
+pub(crate) struct Question {
+    pub(crate) rays: Vec<Query>,
+    /// Over these rays.
+    pub(crate) runs: Vec<Run>,
+}
+
+impl Question {
+    /// Asks for `sum` over rays `first..first + count`, in runs that are not too long.
+    pub(crate) fn sum(&mut self, first: u32, count: u32, sum: RunSum) {
+        self.runs.extend((first..first + count).step_by(RUN_RAYS_MAX as usize).map(|at| Run {
+            first_ray: at,
+            ray_count: (first + count - at).min(RUN_RAYS_MAX),
+            sum,
+        }));
+    }
+}
+
+/// Asks for the ends of its rays, once or several times.
+pub(crate) trait Inquiry: Send {
+    /// What it makes of them.
+    type Made: Send;
+
+    /// About how many rays it asks next: at most
+    /// [`COUNTED_RAYS_MAX`](earthshine_trace::ends::COUNTED_RAYS_MAX).
+    fn ray_count(&self) -> usize;
+
+    /// The next question.
+    fn ask(&mut self) -> Question;
+
+    /// Hears the ends of its runs; what it has made if it need not ask again.
+    fn hear(&mut self, ends: &[RunEnds]) -> Option<Self::Made>;
+}
+
+/// What becomes of each of `units`, in order: what `begin` asks a device for, while there is one that works, and
+/// `on_cpu` of the others. `each` is called whenever one is made.
+pub(crate) fn count_all<I: Inquiry>(
+    offload: &Offload<'_>,
+    units: &[usize],
+    begin: impl Fn(usize) -> I + Sync,
+    on_cpu: impl Fn(usize) -> I::Made + Sync,
+    each: &(impl Fn() + Sync),
+) -> Vec<I::Made> {
+    let mut made: Vec<Option<I::Made>> = units.iter().map(|_| None).collect();
+    let asking = if offload.is_working() { units } else { &[] };
+    let begun: Vec<(usize, I)> = asking.par_iter().enumerate().map(|(at, &unit)| (at, begin(unit))).collect();
+    let mut waiting = VecDeque::from(begun);
+    while !waiting.is_empty() {
+        let mut asking = first_askers(&mut waiting);
+        let Some(heard) = answered(offload, &mut asking) else { break };
+        for ((at, inquiry), result) in asking.into_iter().zip(heard) {
+            match result {
+                None => waiting.push_back((at, inquiry)),
+                Some(result) => {
+                    made[at] = Some(result);
+                    each();
+                }
+            }
+        }
+    }
+    let finished = made.into_par_iter().zip(units).map(|(made, &unit)| {
+        made.unwrap_or_else(|| {
+            let made = on_cpu(unit);
+            each();
+            made
+        })
+    });
+    finished.collect()
+}
+
+/// As many as ask for the rays of one question, one at least.
+fn first_askers<I: Inquiry>(waiting: &mut VecDeque<(usize, I)>) -> Vec<(usize, I)> {
+    let mut rays = 0;
+    let fits = |(_, inquiry): &&(usize, I)| {
+        rays += inquiry.ray_count();
+        rays <= QUESTION_RAYS
+    };
+    let count = waiting.iter().take_while(fits).count().max(1);
+    waiting.drain(..count).collect()
+}
+
+/// What each of `asking` makes of the answer to its question; `None` if there is no device that answers.
+fn answered<I: Inquiry>(offload: &Offload<'_>, asking: &mut [(usize, I)]) -> Option<Vec<Option<I::Made>>> {
+    let questions: Vec<Question> = asking.par_iter_mut().map(|(_, inquiry)| inquiry.ask()).collect();
+    let (mut rays, mut runs) = (Vec::new(), Vec::new());
+    for question in &questions {
+        let first = rays.len() as u32;
+        rays.extend_from_slice(&question.rays);
+        runs.extend(question.runs.iter().map(|run| Run { first_ray: first + run.first_ray, ..*run }));
+    }
+    let ends = offload.count(&rays, &runs)?;
+    let mut rest = &ends[..];
+    let own: Vec<&[RunEnds]> = questions
+        .iter()
+        .map(|question| {
+            let (own, others) = rest.split_at(question.runs.len());
+            rest = others;
+            own
+        })
+        .collect();
+    Some(asking.par_iter_mut().zip(own).map(|((_, inquiry), ends)| inquiry.hear(ends)).collect())
+}

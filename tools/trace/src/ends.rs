@@ -1,0 +1,204 @@
+//! Where the rays of rows end, counted by a device: what it is told, what it is asked, what comes back.
+//!
+//! A *run* is rays side by side whose ends are added up by patch, by lobe of the sky, and for sides without patches. What
+//! is added are integer parts of a ray, so that the order does not matter. A ray whose first triangle a device cannot judge
+//! comes back by its number. [`count_ends`] does all of it on the CPU: the twin of `shaders/wgsl/kernels/count_ends.wgsl`.
+//! It knows no rule of its own: to whom a crossing belongs is told it in [`EndPlaces`] by who bakes.
+
+use crate::caster::{CasterError, Query};
+use crate::{Hit, SceneTracer};
+use earthshine_light::TreeLayout;
+use earthshine_world::{AxisWeights, Direction, Vec3, VoxelCoord};
+use std::collections::HashMap;
+
+/// Parts of a ray that counts whole: sums of a run stay below `u32::MAX`, and shares are as fine as `f32` is near one.
+pub const RAY_PARTS: u32 = 1 << 20;
+/// Most rays of a run: what its ends take at most is what threads of a workgroup can share.
+pub const RUN_RAYS_MAX: u32 = 512;
+/// Most rays of one question.
+pub const COUNTED_RAYS_MAX: usize = 1 << 20;
+/// No patch faces this way in a voxel.
+pub const NO_PATCH: u32 = u32::MAX;
+/// One more than the largest number that a patch may have.
+pub const COUNTED_PATCHES_MAX: u32 = 0xFFFF_0000;
+
+/// A triangle as an end of rays.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EndTriangle {
+    /// Unit, of its front.
+    pub normal: Vec3,
+    /// What of a ray goes to the patch that faces along each axis, on either side of it; of [`RAY_PARTS`].
+    pub parts: [u32; 3],
+    /// Whether only the CPU can tell what a ray finds that meets it first: it may have holes, or places of its own.
+    pub is_for_host: bool,
+}
+
+/// Patches of a voxel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct EndVoxel {
+    /// Which.
+    pub voxel: VoxelCoord,
+    /// By direction, below [`COUNTED_PATCHES_MAX`] or [`NO_PATCH`].
+    pub patches: [u32; 6],
+}
+
+/// To whom crossings belong: the voxel a little before the side that is hit, and there by the side's directions.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EndPlaces {
+    /// m.
+    pub voxel_edge_m: f32,
+    /// How far before a side its voxel is looked up, m.
+    pub off_surface_m: f32,
+    /// As in the scene.
+    pub triangles: Vec<EndTriangle>,
+    /// Those with patches, each once.
+    pub voxels: Vec<EndVoxel>,
+}
+
+/// What the ends of a run's rays are counted for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RunSum {
+    /// Every ray whole.
+    Whole,
+    /// Rays that go the way of a direction, each by its cosine with it.
+    Facing(Direction),
+    /// Every ray whole, but only what ends on sides without patches.
+    Absorbed,
+}
+
+/// Rays side by side whose ends are added up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Run {
+    /// Among those of the question.
+    pub first_ray: u32,
+    /// At most [`RUN_RAYS_MAX`].
+    pub ray_count: u32,
+    /// What is added up.
+    pub sum: RunSum,
+}
+
+/// The ends of a run's rays, in parts of a ray.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct RunEnds {
+    /// Patches and what ends on them; ascending, none twice.
+    pub patches: Vec<(u32, u32)>,
+    /// Escapes by direction lobe.
+    pub sky: [u32; 6],
+    /// On sides without patches.
+    pub absorbed: u32,
+    /// Rays that the CPU has to cast, by their place in the run, ascending. Of a [`RunSum::Facing`] none are told: another
+    /// run over the same rays has them.
+    pub unknown: Vec<u32>,
+}
+
+/// The answer to one question.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct CountedEnds {
+    /// Run by run.
+    pub runs: Vec<RunEnds>,
+    /// What came from the device, bytes.
+    pub read_bytes: u64,
+}
+
+/// A device that trees can be put on.
+pub trait RayDevice: Sync {
+    /// Puts `layout` on it, and where the rays through it end.
+    ///
+    /// # Errors
+    /// [`CasterError`]: it has no room, or is gone.
+    fn counter(&self, layout: &TreeLayout, places: &EndPlaces) -> Result<Box<dyn EndCounter>, CasterError>;
+}
+
+/// Casts rays against the scene of one tracer and adds up their ends.
+pub trait EndCounter: Send + Sync + std::fmt::Debug {
+    /// The ends of each of `runs` over `rays`, which are at most [`COUNTED_RAYS_MAX`].
+    ///
+    /// # Errors
+    /// [`CasterError`]: the device is gone or full.
+    fn count(&self, rays: &[Query], runs: &[Run]) -> Result<CountedEnds, CasterError>;
+}
+
+impl EndTriangle {
+    /// A triangle with unit `normal`, by the `weights` of its directions along the three axes.
+    #[must_use]
+    pub fn new(normal: Vec3, weights: [f32; 3], is_for_host: bool) -> Self {
+        let whole = |weight: f32| (f64::from(weight) * f64::from(RAY_PARTS)).round() as u32;
+        let mut parts = weights.map(whole);
+        // The largest takes what rounding left: where weights sum to one, rays count whole.
+        let total = whole(weights.iter().sum());
+        let largest = (0..3).max_by_key(|&axis| parts[axis]).unwrap_or(0);
+        parts[largest] = (parts[largest] + total).saturating_sub(parts.iter().sum());
+        Self { normal, parts, is_for_host }
+    }
+}
+
+/// What a device that follows the trees of `tracer` answers: each run's ends, one ray after the other.
+#[must_use]
+pub fn count_ends(
+    tracer: &SceneTracer<'_>,
+    places: &EndPlaces,
+    rays: &[Query],
+    runs: &[Run],
+) -> Vec<RunEnds> {
+    let voxels: HashMap<VoxelCoord, [u32; 6]> =
+        places.voxels.iter().map(|voxel| (voxel.voxel, voxel.patches)).collect();
+    let one = |run: &Run| {
+        let mut ends = RunEnds::default();
+        for place in 0..run.ray_count {
+            let ray = &rays[(run.first_ray + place) as usize];
+            let weight = match run.sum {
+                RunSum::Whole | RunSum::Absorbed => 1.0,
+                RunSum::Facing(direction) => ray.direction.dot(direction.vector()).max(0.0),
+            };
+            let weighed = |parts: u32| (parts as f32 * weight + 0.5) as u32;
+            match tracer.first(ray) {
+                None if run.sum == RunSum::Absorbed => {}
+                None => {
+                    for (lobe, share) in AxisWeights::Squared.of(ray.direction) {
+                        ends.sky[lobe.index()] += (RAY_PARTS as f32 * share * weight + 0.5) as u32;
+                    }
+                }
+                Some(hit) if places.triangles[hit.triangle].is_for_host => {
+                    if !matches!(run.sum, RunSum::Facing(_)) {
+                        ends.unknown.push(place);
+                    }
+                }
+                Some(hit) => ends.add(places, &voxels, ray, &hit, (run.sum, &weighed)),
+            }
+        }
+        ends.patches.sort_unstable();
+        ends.patches.dedup_by(|later, kept| {
+            let is_same = later.0 == kept.0;
+            kept.1 += if is_same { later.1 } else { 0 };
+            is_same
+        });
+        ends
+    };
+    runs.iter().map(one).collect()
+}
+
+impl RunEnds {
+    fn add(
+        &mut self,
+        places: &EndPlaces,
+        voxels: &HashMap<VoxelCoord, [u32; 6]>,
+        ray: &Query,
+        hit: &Hit,
+        (sum, weighed): (RunSum, &dyn Fn(u32) -> u32),
+    ) {
+        let triangle = &places.triangles[hit.triangle];
+        let normal = if hit.front { triangle.normal } else { -triangle.normal };
+        let position = ray.origin + ray.direction * hit.distance;
+        let voxel = ((position + normal * places.off_surface_m) / places.voxel_edge_m).floor().as_ivec3();
+        let patches = voxels.get(&voxel).unwrap_or(&[NO_PATCH; 6]);
+        for axis in 0..3 {
+            let patch = patches[Direction::of_component(axis, normal[axis]).index()];
+            match (patch, weighed(triangle.parts[axis])) {
+                (_, 0) => {}
+                (NO_PATCH, parts) => self.absorbed += parts,
+                (_, _) if sum == RunSum::Absorbed => {}
+                (patch, parts) => self.patches.push((patch, parts)),
+            }
+        }
+    }
+}
