@@ -49,3 +49,27 @@ impl ReceiverLight for DeviceReceivers {
         self.on_device.as_mut().map_or(Gathering::Idle, ReceiverLight::take)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use earthshine_world::Sky;
+
+    #[test]
+    fn without_a_device_the_cpu_gathers() {
+        let mut receivers = DeviceReceivers::new(CurrentDevice::default());
+        let nothing = ReceiverGather {
+            chunks: &[],
+            first_spans: &[],
+            spans: &[],
+            columns: &[],
+            sources: &[],
+            slot_count: 0,
+            sky: &Sky::default(),
+            rows: &[],
+        };
+        assert_eq!(receivers.rows_max(), 0);
+        assert!(!receivers.begin(&nothing));
+        assert_eq!(receivers.take(), Gathering::Idle);
+    }
+}
