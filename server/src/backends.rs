@@ -67,7 +67,7 @@ impl Backends {
         }
         let current = self.device();
         let receivers = move || Box::new(DeviceReceivers::new(current.clone())) as Box<dyn ReceiverLight>;
-        engine.lit_by(|| Box::new(DeviceLight::new(self.device()))).receivers_by(Box::new(receivers))
+        engine.lit_by(|| Box::new(DeviceLight::new(self.device()))).gathered_by(Box::new(receivers))
     }
 
     /// Local matrices with as many slots as asked for, or fewer if there is no memory for them.

@@ -1,10 +1,11 @@
-//! Light of receivers on the device that backends compute on: after a loss on the next one, on the CPU in between.
+//! Light of receivers and far light on the device that backends compute on: after a loss on the next one, on the CPU in
+//! between.
 
 use crate::device_source::CurrentDevice;
 use earthshine_gpu::receivers::{GpuReceivers, ROWS_MAX};
 use earthshine_radiosity::receivers::{Gathering, ReceiverGather, ReceiverLight};
 
-/// Gathers for one session.
+/// Gathers receivers of one session, or far light of one of its levels.
 #[derive(Debug)]
 pub(crate) struct DeviceReceivers {
     current: CurrentDevice,
@@ -26,7 +27,7 @@ impl DeviceReceivers {
             match GpuReceivers::new(&device) {
                 Ok(receivers) => self.on_device = Some(receivers),
                 Err(error) => {
-                    tracing::warn!(%error, "light of receivers is gathered on the CPU");
+                    tracing::warn!(%error, "light of receivers, or far light, is gathered on the CPU");
                     self.is_refused = true;
                 }
             }
@@ -53,12 +54,14 @@ impl ReceiverLight for DeviceReceivers {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use earthshine_radiosity::receivers::RowsOf;
     use earthshine_world::Sky;
 
     #[test]
     fn without_a_device_the_cpu_gathers() {
         let mut receivers = DeviceReceivers::new(CurrentDevice::default());
         let nothing = ReceiverGather {
+            rows_of: RowsOf::Receivers,
             chunks: &[],
             first_spans: &[],
             spans: &[],

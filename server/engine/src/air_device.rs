@@ -1,19 +1,17 @@
 //! Receivers of one session that somebody else gathers: what is asked, what is under way, and when the CPU does it.
 //!
 //! One gather is under way at a time and nobody waits for it: its sums are taken by a later tick, as of the light that they
-//! were asked for. Who cannot gather leaves it to the CPU for a while.
+//! were asked for.
 
 use crate::air::{AirKey, AirVoxel};
 use crate::far::FarSenders;
+use crate::gatherer::Gatherer;
 use crate::local_set::LocalSet;
 use crate::receiver_columns::ReceiverColumns;
-use earthshine_radiosity::receivers::{Gathering, ReceiverLight, ReceiverRow, ReceiverSums};
+use earthshine_radiosity::receivers::{Gathering, ReceiverLight, ReceiverRow, ReceiverSums, RowsOf};
 use earthshine_world::{Chunk, ChunkId, LightRig};
 use std::collections::BTreeMap;
 use std::sync::Arc;
-
-/// After a refusal the CPU gathers so many times before it is asked again.
-const LEFT_TO_CPU: u32 = 64;
 
 /// Voxels whose receivers are being gathered.
 #[derive(Debug)]
@@ -27,15 +25,14 @@ pub(crate) struct UnderWay {
 /// Whoever gathers beside the CPU, if there is one.
 #[derive(Debug, Default)]
 pub(crate) struct AirDevice {
-    gatherer: Option<Box<dyn ReceiverLight>>,
+    gatherer: Gatherer,
     under_way: Option<UnderWay>,
-    left_to_cpu: u32,
 }
 
 impl AirDevice {
     /// Has `gatherer` gather from now on, as far as that can.
     pub(crate) fn new(gatherer: Box<dyn ReceiverLight>) -> Self {
-        Self { gatherer: Some(gatherer), ..Self::default() }
+        Self { gatherer: Gatherer::new(gatherer), under_way: None }
     }
 
     /// Nobody wants what is under way any more.
@@ -45,7 +42,7 @@ impl AirDevice {
 
     /// What has come, if it has.
     pub(crate) fn take(&mut self) -> Option<(UnderWay, Vec<ReceiverSums>)> {
-        let gathering = self.gatherer.as_mut().filter(|_| self.under_way.is_some())?.take();
+        let gathering = self.gatherer.light().filter(|_| self.under_way.is_some())?.take();
         match gathering {
             Gathering::UnderWay => None,
             Gathering::Idle => {
@@ -67,19 +64,11 @@ impl AirDevice {
         far: &mut FarSenders<'_>,
         rig: &LightRig,
     ) -> Option<u32> {
-        let gatherer = self.gatherer.as_mut()?;
         if self.under_way.is_some() {
             return Some(0);
         }
-        if self.left_to_cpu > 0 {
-            self.left_to_cpu -= 1;
-            return None;
-        }
-        let rows_max = gatherer.rows_max();
-        if rows_max == 0 {
-            return None;
-        }
-        let mut columns = ReceiverColumns::new(local);
+        let (gatherer, rows_max) = self.gatherer.ready()?;
+        let mut columns = ReceiverColumns::new(RowsOf::Receivers, local, local.exitances());
         let mut numbers: BTreeMap<ChunkId, u32> = BTreeMap::new();
         for (&(chunk, _), voxel) in voxels {
             numbers.entry(chunk).or_insert_with(|| columns.add(&voxel.chunk, &voxel.lineage, far));
@@ -95,7 +84,7 @@ impl AirDevice {
             asked.push((*key, Arc::clone(&voxel.chunk)));
         }
         if rows.is_empty() || !gatherer.begin(&columns.gather(&rig.sky, &rows)) {
-            self.left_to_cpu = LEFT_TO_CPU;
+            self.gatherer.rest();
             return None;
         }
         self.under_way = Some(UnderWay { generation, voxels: asked });

@@ -25,15 +25,15 @@ use std::sync::Arc;
 /// Builds a backend with as many slots as asked for, or fewer if the device has no room for them.
 pub type BackendFactory = Box<dyn FnMut(u32) -> Result<Box<dyn Backend>, BackendError> + Send>;
 
-/// Makes who gathers light of receivers for one session.
+/// Makes who gathers rows, those of the receivers of one session or those of the patches of one of its levels.
 pub type ReceiverLightFactory = Box<dyn FnMut() -> Box<dyn ReceiverLight> + Send>;
 
 /// The state machine. One thread calls it; it never waits.
 pub struct Engine {
     pub(crate) config: EngineConfig,
     backends: BackendFactory,
-    /// Who gathers light of receivers for each session beside the CPU.
-    receiver_lights: Option<ReceiverLightFactory>,
+    /// Who gathers light of receivers and far light of each level for each session beside the CPU.
+    gatherers: Option<ReceiverLightFactory>,
     /// What a session is lit by before it says otherwise.
     world_lights: LightRig,
     pub(crate) chunks: ChunkTable,
@@ -106,7 +106,7 @@ impl Engine {
         Ok(Self {
             config,
             backends,
-            receiver_lights: None,
+            gatherers: None,
             world_lights,
             chunks,
             sessions: BTreeMap::new(),
@@ -129,11 +129,11 @@ impl Engine {
         self
     }
 
-    /// Has light of each session's receivers gathered by what `make` gives, as far as that can; the CPU does the rest.
-    /// Frames then depend on when its answers come.
+    /// Has light of each session's receivers, and far light of each of its levels, gathered by what `make` gives, as far as
+    /// that can; the CPU does the rest. Frames then depend on when its answers come.
     #[must_use]
-    pub fn receivers_by(mut self, make: ReceiverLightFactory) -> Self {
-        self.receiver_lights = Some(make);
+    pub fn gathered_by(mut self, make: ReceiverLightFactory) -> Self {
+        self.gatherers = Some(make);
         self
     }
 
@@ -228,8 +228,8 @@ impl Engine {
             self.counters.ignored.sessions += 1;
         } else {
             let mut session = Session::new(id, self.world_lights.clone(), self.chunks.levels());
-            if let Some(make) = &mut self.receiver_lights {
-                session.air.gather_by(make());
+            if let Some(make) = &mut self.gatherers {
+                session.gather_by(make);
             }
             self.sessions.insert(id, session);
         }

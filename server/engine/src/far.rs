@@ -303,9 +303,7 @@ pub(crate) fn gather(local: &mut LocalSet, coarser: &[Option<&LocalSet>]) -> boo
         for far in resident.split.parents.iter().filter(|far| far.share > 0.0) {
             sum += far.share as f32 * sent(far);
         }
-        changed |= (sum.truncate(), sum.w) != (resident.light.far_irradiance, resident.fed_share);
-        resident.light.far_irradiance = sum.truncate();
-        resident.fed_share = sum.w;
+        changed |= resident.take_far(sum.truncate(), sum.w);
     }
     changed
 }

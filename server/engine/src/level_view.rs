@@ -6,6 +6,8 @@
 use crate::chunks::ChunkTable;
 use crate::config::EngineConfig;
 use crate::far;
+use crate::far_device;
+use crate::gatherer::Gatherer;
 use crate::local_set::{LocalSet, Resident};
 use crate::priority::{Outlook, SwapPlan, plan_swaps};
 use crate::relight::{self, Relight};
@@ -46,6 +48,8 @@ pub(crate) struct LevelView {
     pub(crate) session: SessionId,
     pub(crate) level: u8,
     pub(crate) local: Option<LocalSet>,
+    /// Who gathers its far light beside the CPU.
+    pub(crate) far_gatherer: Gatherer,
     /// Ascending by id.
     chunks: Vec<WantedChunk>,
     pub(crate) plan: SwapPlan,
@@ -80,6 +84,7 @@ impl LevelView {
             session,
             level,
             local: None,
+            far_gatherer: Gatherer::default(),
             chunks: Vec::new(),
             plan: SwapPlan::default(),
             target: u32::MAX,
@@ -236,7 +241,8 @@ impl LevelView {
         let Some(local) = &mut self.local else { return Ok(false) };
         if std::mem::take(&mut self.is_far_old) {
             let coarser: Vec<_> = coarser.iter().map(|view| view.local.as_ref()).collect();
-            let changed = far::gather(local, &coarser);
+            let changed = far_device::gather(&mut self.far_gatherer, local, &coarser)
+                .unwrap_or_else(|| far::gather(local, &coarser));
             self.are_sources_old |= changed;
             self.has_news |= changed;
         }

@@ -16,7 +16,7 @@
 //! | which patches are nearest, and how many a camera at its speed is given | `priority`, `flow` | `resident_patches_max` |
 //! | remove, add, light the new ones | `turns`, `swaps`, `swap_price`, `local_set`, `slots`, `row_split` | `removals_per_tick_max`, `adds_per_tick_max` |
 //! | light what is out of date | `relight`, `direct`, `shadow_reach` | `shadow_points_per_tick_max` |
-//! | far light, sources to the backends, step, read, the coarsest level first | `far`, `relight`, `level_view` | |
+//! | far light, sources to the backends, step, read, the coarsest level first | `far`, `far_device`, `relight`, `level_view` | |
 //! | gather light in empty air | `air`, `air_light`, `air_device`, `receiver_columns` | `receiver_rows_per_tick_max` |
 //! | hold the tick against the promise | `coverage`, [`promise`] | |
 //! | publish | `session` | one frame a session |
@@ -47,8 +47,10 @@ pub mod engine;
 pub mod error;
 pub mod event;
 mod far;
+mod far_device;
 mod flow;
 pub mod frame;
+mod gatherer;
 mod intake;
 pub mod invariant;
 mod level_view;

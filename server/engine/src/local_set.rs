@@ -30,6 +30,13 @@ pub(crate) struct Resident {
 }
 
 impl Resident {
+    /// Takes what arrives from afar, lx, and how much of the row brings it. Returns whether either is another, to the bit.
+    pub(crate) fn take_far(&mut self, irradiance: Rgb, fed_share: f32) -> bool {
+        let is_new = (irradiance, fed_share) != (self.light.far_irradiance, self.fed_share);
+        (self.light.far_irradiance, self.fed_share) = (irradiance, fed_share);
+        is_new
+    }
+
     /// How its row splits now.
     pub(crate) fn parts(&self) -> RowParts {
         RowParts {
@@ -129,6 +136,11 @@ impl LocalSet {
     /// Chunks with patches here, ascending.
     pub(crate) fn chunks(&self) -> impl Iterator<Item = ChunkId> {
         self.tables.keys().copied()
+    }
+
+    /// The same, with their slots.
+    pub(crate) fn tables(&self) -> impl Iterator<Item = &SlotTable> {
+        self.tables.values()
     }
 
     pub(crate) fn slots_of(&self, chunk: ChunkId) -> Option<&SlotTable> {
@@ -320,7 +332,7 @@ impl LocalSet {
         let local = usize::from(id.local);
         let table = self.tables.entry(id.chunk).or_insert_with(|| {
             let far = self.far.as_mut().map(|far| far.acquire(chunk, &tile.lineage));
-            SlotTable::new(Arc::clone(chunk), far.unwrap_or_default())
+            SlotTable::new(Arc::clone(chunk), Arc::clone(&tile.lineage), far.unwrap_or_default())
         });
         table.take(local, slot);
         let patch = chunk.patches[local];

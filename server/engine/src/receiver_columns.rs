@@ -1,4 +1,4 @@
-//! What the columns of receivers' rows stand for at one moment, as a table for whoever gathers them elsewhere.
+//! What the columns of rows stand for at one moment, as a table for whoever gathers them elsewhere.
 //!
 //! One entry for each patch of each chunk that rows lead to: its slot, or else the coarse parent that stands for it.
 //! Parents are numbered whether they are needed or not, so that an entry changes only if its patch comes or goes.
@@ -6,17 +6,18 @@
 use crate::far::FarSenders;
 use crate::local_set::LocalSet;
 use crate::slots::{FREE, SlotTable};
-use earthshine_radiosity::receivers::{ColumnSpan, NO_SOURCE, ReceiverGather, ReceiverRow};
+use earthshine_radiosity::receivers::{ColumnSpan, NO_SOURCE, ReceiverGather, ReceiverRow, RowsOf};
 use earthshine_world::lineage::Lineage;
-use earthshine_world::{Chunk, ChunkId, Sky, Vec4};
+use earthshine_world::{Chunk, ChunkId, Rgb, Sky, Vec4};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Of a parent that no column has asked for.
 const NOT_ASKED: f32 = -1.0;
 
-/// Columns of some chunks' receivers.
+/// Columns of some chunks' rows.
 pub(crate) struct ReceiverColumns<'a> {
+    rows_of: RowsOf,
     local: &'a LocalSet,
     chunks: Vec<&'a Arc<Chunk>>,
     first_spans: Vec<u32>,
@@ -30,14 +31,15 @@ pub(crate) struct ReceiverColumns<'a> {
 }
 
 impl<'a> ReceiverColumns<'a> {
-    /// Of no chunk yet, from what leaves the patches of `local`.
-    pub(crate) fn new(local: &'a LocalSet) -> Self {
+    /// Of no chunk yet, with what leaves each slot of `local`.
+    pub(crate) fn new(rows_of: RowsOf, local: &'a LocalSet, exitances: Vec<Rgb>) -> Self {
         Self {
+            rows_of,
             chunks: Vec::new(),
             first_spans: Vec::new(),
             spans: Vec::new(),
             columns: Vec::new(),
-            sources: local.exitances().into_iter().map(|exitance| exitance.extend(0.0)).collect(),
+            sources: exitances.into_iter().map(|exitance| exitance.extend(0.0)).collect(),
             slot_count: local.capacity(),
             by_segment: BTreeMap::new(),
             parents: BTreeMap::new(),
@@ -45,11 +47,11 @@ impl<'a> ReceiverColumns<'a> {
         }
     }
 
-    /// Lists what the receivers of `chunk` look at. Returns its number among the chunks.
+    /// Lists what the rows of `chunk` lead to. Returns its number among the chunks.
     pub(crate) fn add(&mut self, chunk: &'a Arc<Chunk>, lineage: &Lineage, far: &mut FarSenders<'_>) -> u32 {
         self.chunks.push(chunk);
         self.first_spans.push(self.spans.len() as u32);
-        for &segment in &chunk.receivers.rows.segments {
+        for &segment in &self.rows_of.of(chunk).segments {
             let span = match self.by_segment.get(&segment) {
                 Some(&span) => span,
                 None => self.list(segment, lineage, far),
@@ -99,6 +101,7 @@ impl<'a> ReceiverColumns<'a> {
             *sent = Vec4::ZERO;
         }
         ReceiverGather {
+            rows_of: self.rows_of,
             chunks: &self.chunks,
             first_spans: &self.first_spans,
             spans: &self.spans,

@@ -7,13 +7,14 @@ use crate::chunks::ChunkTable;
 use crate::config::EngineConfig;
 use crate::far::{FarSenders, exitances_of};
 use crate::frame::LevelLight;
+use crate::gatherer::Gatherer;
 use crate::level_view::{LevelView, Lighting, WantedChunk};
 use crate::levels::LevelPlan;
 use crate::local_set::LocalSet;
 use crate::priority::Outlook;
 use crate::promise::Promise;
 use crate::stats::{Counters, SessionStats};
-use crate::{Frame, FrameQuality, PatchLight, SessionId};
+use crate::{Frame, FrameQuality, PatchLight, ReceiverLightFactory, SessionId};
 use earthshine_radiosity::BackendError;
 use earthshine_world::{Camera, LightRig, Vec3};
 use std::sync::Arc;
@@ -69,6 +70,13 @@ impl Session {
             frames: 0,
             last_frame: None,
         }
+    }
+
+    /// Has rows gathered by what `make` gives: those of receivers, and of patches of every level but the top one.
+    pub(crate) fn gather_by(&mut self, make: &mut ReceiverLightFactory) {
+        self.air.gather_by(make());
+        let fed = self.views.len().saturating_sub(1);
+        self.views[..fed].iter_mut().for_each(|view| view.far_gatherer = Gatherer::new(make()));
     }
 
     /// Takes a valid camera. Returns whether that changes what is wanted.

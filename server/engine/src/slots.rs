@@ -2,6 +2,7 @@
 
 use crate::far::FarSegment;
 use crate::row_split::RowSplit;
+use earthshine_world::lineage::Lineage;
 use earthshine_world::{Chunk, ChunkId, ChunkRows, PatchId, RowParts};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -13,6 +14,8 @@ pub(crate) const FREE: u32 = u32::MAX;
 #[derive(Debug)]
 pub(crate) struct SlotTable {
     pub(crate) chunk: Arc<Chunk>,
+    /// Of what the chunk's rows lead to.
+    pub(crate) lineage: Arc<Lineage>,
     /// Parents of each segment's patches; empty where no coarser view feeds this one.
     pub(crate) far_segments: Vec<Option<FarSegment>>,
     slots: Vec<u32>,
@@ -20,9 +23,13 @@ pub(crate) struct SlotTable {
 }
 
 impl SlotTable {
-    pub(crate) fn new(chunk: Arc<Chunk>, far_segments: Vec<Option<FarSegment>>) -> Self {
+    pub(crate) fn new(
+        chunk: Arc<Chunk>,
+        lineage: Arc<Lineage>,
+        far_segments: Vec<Option<FarSegment>>,
+    ) -> Self {
         let slots = vec![FREE; chunk.patches.len()];
-        Self { chunk, far_segments, slots, taken: 0 }
+        Self { chunk, lineage, far_segments, slots, taken: 0 }
     }
 
     pub(crate) fn is_empty(&self) -> bool {

@@ -5,7 +5,7 @@ use crate::device::GpuDevice;
 use crate::receivers::{GpuReceivers, ReceiversError};
 use crate::twins::device_or_skip;
 use earthshine_radiosity::receivers::{
-    ColumnSpan, Gathering, NO_SOURCE, ReceiverGather, ReceiverLight, ReceiverRow, ReceiverSums,
+    ColumnSpan, Gathering, NO_SOURCE, ReceiverGather, ReceiverLight, ReceiverRow, ReceiverSums, RowsOf,
     gather_receivers,
 };
 use earthshine_world::random::{Purpose, hash, unit_f32};
@@ -79,6 +79,7 @@ impl Residency {
 
 /// A question about rows of some chunks, and what it borrows.
 struct Question {
+    rows_of: RowsOf,
     chunks: Vec<Arc<Chunk>>,
     first_spans: Vec<u32>,
     spans: Vec<ColumnSpan>,
@@ -105,12 +106,14 @@ impl Question {
         let sources = (0..(SLOTS + PARENTS) as usize)
             .map(|at| if unknown(at) { Vec4::ZERO } else { light(at) })
             .collect();
-        Self { chunks: chunks.to_vec(), first_spans, spans, columns, sources, rows }
+        let rows_of = RowsOf::Receivers;
+        Self { rows_of, chunks: chunks.to_vec(), first_spans, spans, columns, sources, rows }
     }
 
     fn asked<R>(&self, ask: impl FnOnce(&ReceiverGather<'_>) -> R) -> R {
         let chunks: Vec<&Arc<Chunk>> = self.chunks.iter().collect();
         ask(&ReceiverGather {
+            rows_of: self.rows_of,
             chunks: &chunks,
             first_spans: &self.first_spans,
             spans: &self.spans,
@@ -193,6 +196,14 @@ fn tables_and_chunks_follow_what_comes_and_goes() {
         question.rows.truncate(5);
         check(&mut gpu, &question);
     }
+    // Rows of patches take the place of those of receivers, and the reverse.
+    let mut chunk = Chunk::clone(&chunks[0]);
+    std::mem::swap(&mut chunk.rows, &mut chunk.receivers.rows);
+    let mut patches = Question::new(&chunks[..1], Residency::Mixed(1));
+    let of_receivers = check(&mut gpu, &patches);
+    (patches.chunks, patches.rows_of) = (vec![Arc::new(chunk)], RowsOf::Patches);
+    assert_eq!(check(&mut gpu, &patches), of_receivers);
+    check(&mut gpu, &Question::new(&chunks[1..], Residency::Mixed(1)));
 }
 
 /// Goal: more than there is room for is refused in words, and what fits again is gathered again.

@@ -1,5 +1,5 @@
-//! Light of receivers on a device: rows of chunks stay there, what their columns stand for is kept up to date, and one
-//! dispatch gathers all that is asked for. Its sums are fetched when they have come.
+//! Light of receivers, or far light of patches, on a device: rows of chunks stay there, what their columns stand for is
+//! kept up to date, and one dispatch gathers all that is asked for. Its sums are fetched when they have come.
 //!
 //! Rows go to the device when their chunk is first named and stay as long as it is; room is handed out from the front of two
 //! lists, and what still counts is put into new ones when they are full. Of the table of columns only what changed is uploaded. What leaves
@@ -18,7 +18,7 @@ use earthshine_shaders::host::{
     Pass, ReceiverAsked, ReceiverColumn, ReceiverLight as GatheredLight, ReceiverSpan, SegmentSpan,
 };
 use earthshine_shaders::kernel::GATHER_RECEIVERS;
-use earthshine_world::{Chunk, Column, Receivers, Rgb, Vec4};
+use earthshine_world::{Chunk, ChunkRows, Column, Rgb, Vec4};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use wgpu::Buffer;
@@ -32,7 +32,7 @@ const COLUMNS_MIN: u64 = 1 << 16;
 /// Rows that there is room for at first.
 const ROWS_MIN: u64 = 1 << 10;
 /// Rows that a workgroup gathers.
-const ROWS_A_GROUP: u32 = 4;
+const ROWS_A_GROUP: u32 = 8;
 /// Looks at a gather after which it is waited for.
 const LOOKS_MAX: u32 = 4;
 
@@ -40,7 +40,9 @@ const LOOKS_MAX: u32 = 4;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ReceiversError {
     /// More rows than there is to be room for.
-    #[error("rows of receivers take {bytes} bytes, there is room for {most}; lower `receiver_voxels_max`")]
+    #[error(
+        "rows to gather take {bytes} bytes, there is room for {most}; lower `receiver_voxels_max` or `resident_patches_max`"
+    )]
     TooLarge {
         /// Of the columns of all chunks named, or of the table of sources.
         bytes: u64,
@@ -48,7 +50,9 @@ pub enum ReceiversError {
         most: u64,
     },
     /// The device is full.
-    #[error("the device has no memory for {bytes} bytes of receivers; lower `receiver_voxels_max`")]
+    #[error(
+        "the device has no memory for {bytes} bytes of rows; lower `receiver_voxels_max` or `resident_patches_max`"
+    )]
     OutOfMemory {
         /// Asked for.
         bytes: u64,
@@ -88,7 +92,7 @@ struct Room {
     readback: Readback,
 }
 
-/// Receivers of one session on a device.
+/// Receivers of one session, or patches of one of its levels, on a device.
 #[derive(Debug)]
 pub struct GpuReceivers {
     device: GpuDevice,
@@ -102,6 +106,8 @@ pub struct GpuReceivers {
     source_of: Mirror<u32>,
     sources: Mirror<[f32; 4]>,
     sky: Mirror<[f32; 4]>,
+    /// Whose rows are there; none before the first gather.
+    rows_of: Option<RowsOf>,
     room: Room,
     uniforms: Buffer,
     under_way: Option<UnderWay>,
@@ -135,6 +141,7 @@ impl GpuReceivers {
             source_of: Mirror::new(device, "column sources")?,
             sources: Mirror::new(device, "sources")?,
             sky: Mirror::new(device, "sky")?,
+            rows_of: None,
             room: Room::new(device, 0)?,
             uniforms: uniform_buffer(device)?,
             under_way: None,
@@ -205,7 +212,7 @@ impl GpuReceivers {
             &self.room.gathered,
         ];
         let columns = |row: &ReceiverRow| {
-            let starts = &gather.chunks[row.chunk as usize].receivers.rows.row_starts;
+            let starts = &gather.rows_of.of(gather.chunks[row.chunk as usize]).row_starts;
             u64::from(starts[row.row as usize + 1] - starts[row.row as usize])
         };
         recorder.over(gather.rows.iter().map(columns).sum());
@@ -220,37 +227,43 @@ impl GpuReceivers {
     fn bring_rows(&mut self, gather: &ReceiverGather<'_>) -> Result<(), ReceiversError> {
         let named: BTreeMap<usize, &Arc<Chunk>> =
             gather.chunks.iter().map(|&chunk| (address(chunk), chunk)).collect();
+        if self.rows_of.replace(gather.rows_of) != Some(gather.rows_of) {
+            self.residents.clear();
+        }
         self.residents.retain(|at, _| named.contains_key(at));
-        if !self.place_all(&named) {
-            self.make_room(&named)?;
-            self.place_all(&named);
+        if !self.place_all(&named, gather.rows_of) {
+            self.make_room(&named, gather.rows_of)?;
+            self.place_all(&named, gather.rows_of);
         }
         Ok(())
     }
 
     /// Uploads the chunks of `named` that are not there, as long as there is room. Returns whether there was.
-    fn place_all(&mut self, named: &BTreeMap<usize, &Arc<Chunk>>) -> bool {
+    fn place_all(&mut self, named: &BTreeMap<usize, &Arc<Chunk>>, rows_of: RowsOf) -> bool {
         for (&at, &chunk) in named {
             if self.residents.contains_key(&at) {
                 continue;
             }
-            let receivers = &chunk.receivers;
-            let (rows, columns) = (receivers.rows.row_count(), receivers.rows.columns.len());
-            if !self.rows.has_room(rows) || !self.columns.has_room(columns) {
+            let rows = rows_of.of(chunk);
+            if !self.rows.has_room(rows.row_count()) || !self.columns.has_room(rows.columns.len()) {
                 return false;
             }
-            let first = self.columns.push(&self.device, &columns_of(receivers));
-            let first_row = self.rows.push(&self.device, &rows_of(receivers, first));
+            let first = self.columns.push(&self.device, &column_words(rows));
+            let first_row = self.rows.push(&self.device, &row_words(rows, first));
             self.residents.insert(at, Resident { _held: Arc::clone(chunk), first_row });
         }
         true
     }
 
     /// Forgets all rows and makes room for twice what `named` have, or for just that where there is to be no more.
-    fn make_room(&mut self, named: &BTreeMap<usize, &Arc<Chunk>>) -> Result<(), ReceiversError> {
+    fn make_room(
+        &mut self,
+        named: &BTreeMap<usize, &Arc<Chunk>>,
+        rows_of: RowsOf,
+    ) -> Result<(), ReceiversError> {
         self.residents.clear();
         let of = |chunk: &&Arc<Chunk>| {
-            let rows = &chunk.receivers.rows;
+            let rows = rows_of.of(chunk);
             (rows.row_count() as u64, rows.columns.len() as u64)
         };
         let (rows, columns) = named.values().map(of).fold((0, 0), |sum, one| (sum.0 + one.0, sum.1 + one.1));
@@ -314,7 +327,7 @@ impl GpuReceivers {
 
     fn say(&mut self, error: &ReceiversError) {
         if !std::mem::replace(&mut self.is_said, true) {
-            tracing::warn!(%error, "light of receivers is gathered on the CPU");
+            tracing::warn!(%error, "light of receivers, or far light, is gathered on the CPU");
         }
     }
 }
@@ -348,8 +361,7 @@ fn address(chunk: &Arc<Chunk>) -> usize {
     Arc::as_ptr(chunk).addr()
 }
 
-fn columns_of(receivers: &Receivers) -> Vec<ReceiverColumn> {
-    let rows = &receivers.rows;
+fn column_words(rows: &ChunkRows) -> Vec<ReceiverColumn> {
     let of = |column: &Column| u32::from(column.segment) | u32::from(column.local) << 16;
     rows.columns
         .iter()
@@ -359,8 +371,7 @@ fn columns_of(receivers: &Receivers) -> Vec<ReceiverColumn> {
 }
 
 /// Rows whose columns begin at `first`.
-fn rows_of(receivers: &Receivers, first: u32) -> Vec<ReceiverSpan> {
-    let rows = &receivers.rows;
+fn row_words(rows: &ChunkRows, first: u32) -> Vec<ReceiverSpan> {
     let of = |(bounds, sky): (&[u32], &[f32; 6])| ReceiverSpan {
         first_sky: [sky[0], sky[1], sky[2]],
         first: first + bounds[0],

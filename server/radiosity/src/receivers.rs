@@ -1,14 +1,14 @@
-//! Receivers gathered elsewhere than row by row in the engine: what a device is asked, what it answers, and the same in
-//! plain loops.
+//! Rows gathered elsewhere than one by one in the engine: what a device is asked, what it answers, and the same in plain
+//! loops. They are those of receivers, or those of patches for the light that comes to them from afar.
 //!
-//! Rows of receivers never change while their chunk is in memory; what changes is who holds which slot. So a column leads
+//! Rows never change while their chunk is in memory; what changes is who holds which slot. So a column leads
 //! to a *source* by way of a table: one entry for each patch of each chunk that rows lead to, the number of its slot or of
 //! the coarse parent that stands for it. Whoever answers may keep rows from one question to the next, by the chunk's
 //! address, and compare tables.
 //!
-//! It decides nothing: which receivers, when, and what becomes of the sums is the engine's.
+//! It decides nothing: which rows, when, and what becomes of the sums is the engine's.
 
-use earthshine_world::{Chunk, Rgb, Sky, Vec4};
+use earthshine_world::{Chunk, ChunkRows, Rgb, Sky, Vec4};
 use std::sync::Arc;
 
 /// Of a column that no source stands for: it is far, and a gap.
@@ -23,23 +23,45 @@ pub struct ColumnSpan {
     pub count: u32,
 }
 
+/// Whose rows are gathered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum RowsOf {
+    /// Of receivers.
+    Receivers,
+    /// Of patches, as receivers.
+    Patches,
+}
+
+impl RowsOf {
+    /// Those rows of `chunk`.
+    #[must_use]
+    pub fn of(self, chunk: &Chunk) -> &ChunkRows {
+        match self {
+            Self::Receivers => &chunk.receivers.rows,
+            Self::Patches => &chunk.rows,
+        }
+    }
+}
+
 /// One receiver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ReceiverRow {
     /// Its chunk, of [`ReceiverGather::chunks`].
     pub chunk: u32,
-    /// Its row among the chunk's receivers.
+    /// Its row in the chunk.
     pub row: u32,
 }
 
 /// What is to be gathered, and from what.
 #[derive(Debug, Clone, Copy)]
 pub struct ReceiverGather<'a> {
-    /// Chunks whose receivers may be asked for, now or soon; rows of others can be forgotten.
+    /// Of the same throughout: who is asked for one is not asked for the other.
+    pub rows_of: RowsOf,
+    /// Chunks whose rows may be asked for, now or soon; rows of others can be forgotten.
     pub chunks: &'a [&'a Arc<Chunk>],
     /// Of each chunk: where its segments begin in `spans`.
     pub first_spans: &'a [u32],
-    /// Of each segment of each chunk's receivers.
+    /// Of each segment of each chunk's rows.
     pub spans: &'a [ColumnSpan],
     /// By patch of a span: a place in `sources`, or [`NO_SOURCE`].
     pub columns: &'a [u32],
@@ -94,6 +116,20 @@ pub trait ReceiverLight: Send + std::fmt::Debug {
 
     /// How the last gather stands; sums are given once. A gather may be under way for a few calls, not for ever.
     fn take(&mut self) -> Gathering;
+
+    /// Gathers and waits for the sums; none where the CPU has to do it.
+    fn gather_now(&mut self, gather: &ReceiverGather<'_>) -> Option<Vec<ReceiverSums>> {
+        if !self.begin(gather) {
+            return None;
+        }
+        loop {
+            match self.take() {
+                Gathering::UnderWay => {}
+                Gathering::Done(sums) => return Some(sums),
+                Gathering::Idle => return None,
+            }
+        }
+    }
 }
 
 /// All of it at once, in `f64`: what a [`ReceiverLight`] is held against.
@@ -106,7 +142,7 @@ pub fn gather_receivers(gather: &ReceiverGather<'_>) -> Vec<ReceiverSums> {
 }
 
 fn sums_of(gather: &ReceiverGather<'_>, ReceiverRow { chunk, row }: ReceiverRow) -> ReceiverSums {
-    let (rows, row) = (&gather.chunks[chunk as usize].receivers.rows, row as usize);
+    let (rows, row) = (gather.rows_of.of(gather.chunks[chunk as usize]), row as usize);
     let first_span = gather.first_spans[chunk as usize] as usize;
     // Light and share from slots, light and fed share from parents, share of what is far.
     let (mut near, mut far, mut far_share) = ([0.0f64; 4], [0.0f64; 4], 0.0f64);
@@ -181,6 +217,7 @@ mod tests {
         let chunk = chunk();
         let span = |first, count| ColumnSpan { first, count };
         let gather = ReceiverGather {
+            rows_of: RowsOf::Receivers,
             chunks: &[&chunk],
             first_spans: &[1],
             // The other chunk's sixth patch lies beyond what is listed of it.

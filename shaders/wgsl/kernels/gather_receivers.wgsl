@@ -1,4 +1,4 @@
-// What arrives at receivers from slots, from coarse parents and from the sky. 64 lanes a receiver, four a workgroup.
+// What arrives at receivers from slots, from coarse parents and from the sky. 32 lanes a receiver, eight a workgroup.
 // CPU twin: `radiosity::receivers::gather_receivers`.
 
 @group(0) @binding(1) var<storage, read> asked: array<ReceiverAsked>;
@@ -10,8 +10,8 @@
 @group(0) @binding(7) var<storage, read> sky: array<vec4<f32>>;
 @group(0) @binding(8) var<storage, read_write> gathered: array<ReceiverLight>;
 
-// Lanes of a row.
-const ROW_LANES: u32 = 64u;
+// Lanes of a row: receivers in the air have some 24 columns.
+const ROW_LANES: u32 = 32u;
 
 const PI: f32 = 3.14159274;
 

@@ -1,4 +1,4 @@
-//! Receivers gathered elsewhere: somebody else's sums, late, refused or lost, beside what the CPU gathers itself.
+//! Receivers and far light gathered elsewhere: somebody else's sums, late, refused or lost, beside what the CPU gathers itself.
 
 use super::backend::Faults;
 use super::detail;
@@ -6,7 +6,7 @@ use super::harness::{ALICE, BOB, Harness, generous, lamp};
 use super::world::{RandomWorld, WorldShape};
 use crate::{EngineConfig, Event, Frame, PatchLight};
 use earthshine_radiosity::receivers::{
-    Gathering, ReceiverGather, ReceiverLight, ReceiverSums, gather_receivers,
+    Gathering, ReceiverGather, ReceiverLight, ReceiverSums, RowsOf, gather_receivers,
 };
 use earthshine_world::{LightRig, Rgb, Sky, Vec3};
 use std::sync::Arc;
@@ -29,6 +29,8 @@ const PROMPT: Manner = Manner { looks: 0, rows_max: 1 << 16, refuses_every: 0, l
 #[derive(Debug)]
 struct Elsewhere {
     manner: Manner,
+    /// What it was asked for first, and is asked for ever after.
+    rows_of: Option<RowsOf>,
     /// Gathers of all sessions.
     begun: Arc<AtomicU64>,
     under_way: Option<(u32, Vec<ReceiverSums>)>,
@@ -41,6 +43,7 @@ impl ReceiverLight for Elsewhere {
 
     fn begin(&mut self, gather: &ReceiverGather<'_>) -> bool {
         assert!(gather.rows.len() <= self.manner.rows_max && !gather.rows.is_empty());
+        assert_eq!(*self.rows_of.get_or_insert(gather.rows_of), gather.rows_of);
         let number = self.begun.fetch_add(1, Ordering::Relaxed) + 1;
         if self.manner.refuses_every > 0 && number.is_multiple_of(self.manner.refuses_every) {
             return false;
@@ -66,8 +69,8 @@ impl ReceiverLight for Elsewhere {
 fn gathered_elsewhere(mut harness: Harness, manner: Manner) -> (Harness, Arc<AtomicU64>) {
     let begun = Arc::new(AtomicU64::default());
     let counted = Arc::clone(&begun);
-    harness.engine = harness.engine.receivers_by(Box::new(move || {
-        Box::new(Elsewhere { manner, begun: Arc::clone(&counted), under_way: None })
+    harness.engine = harness.engine.gathered_by(Box::new(move || {
+        Box::new(Elsewhere { manner, rows_of: None, begun: Arc::clone(&counted), under_way: None })
     }));
     (harness, begun)
 }
@@ -108,6 +111,10 @@ fn assert_lights(found: &[PatchLight], expected: &[PatchLight]) {
 fn assert_alike(found: &Frame, expected: &Frame) {
     assert_lights(&found.receivers, &expected.receivers);
     assert_lights(&found.details, &expected.details);
+    assert_lights(&found.patches, &expected.patches);
+    for (found, expected) in found.coarse.iter().zip(expected.coarse.iter()) {
+        assert_lights(&found.patches, &expected.patches);
+    }
 }
 
 /// Goal: who gathers makes no difference to what is told. Method: worlds in the air and of detail, whole and a third of

@@ -1,0 +1,40 @@
+//! Whoever gathers rows beside the CPU, and when the CPU does it: after a refusal it is left alone for a while.
+
+use earthshine_radiosity::receivers::ReceiverLight;
+
+/// After a refusal the CPU gathers so many times before it is asked again.
+const LEFT_TO_CPU: u32 = 64;
+
+/// Somebody who gathers rows, or nobody.
+#[derive(Debug, Default)]
+pub(crate) struct Gatherer {
+    light: Option<Box<dyn ReceiverLight>>,
+    left_to_cpu: u32,
+}
+
+impl Gatherer {
+    pub(crate) fn new(light: Box<dyn ReceiverLight>) -> Self {
+        Self { light: Some(light), left_to_cpu: 0 }
+    }
+
+    /// Whoever gathers, to ask how a gather stands.
+    pub(crate) fn light(&mut self) -> Option<&mut Box<dyn ReceiverLight>> {
+        self.light.as_mut()
+    }
+
+    /// Whoever can be asked for another gather now, and the most rows of it; nobody where the CPU has to do it.
+    pub(crate) fn ready(&mut self) -> Option<(&mut Box<dyn ReceiverLight>, usize)> {
+        let light = self.light.as_mut()?;
+        if self.left_to_cpu > 0 {
+            self.left_to_cpu -= 1;
+            return None;
+        }
+        let rows_max = light.rows_max();
+        (rows_max > 0).then_some((light, rows_max))
+    }
+
+    /// It has refused.
+    pub(crate) fn rest(&mut self) {
+        self.left_to_cpu = LEFT_TO_CPU;
+    }
+}
