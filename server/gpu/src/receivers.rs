@@ -11,7 +11,7 @@ use crate::mirror::Mirror;
 use crate::rays::STORAGE;
 use crate::readback::Readback;
 use crate::recorder::{Recorder, folded, uniform_buffer};
-use crate::timing::{PassTime, Sampling, Timing};
+use crate::timing::{Sampling, Timing};
 use earthshine_radiosity::BackendError;
 use earthshine_radiosity::receivers::{Gathering, ReceiverGather, ReceiverLight, ReceiverRow, ReceiverSums};
 use earthshine_shaders::host::{
@@ -156,23 +156,6 @@ impl GpuReceivers {
     #[must_use]
     pub fn is_lost(&self) -> bool {
         self.device.is_lost()
-    }
-
-    /// Times every pass from now on; false where the device cannot.
-    ///
-    /// # Errors
-    /// [`BackendError::OutOfMemory`], [`BackendError::DeviceLost`].
-    pub fn time_passes(&mut self) -> Result<bool, BackendError> {
-        self.timing = Timing::new(&self.device)?;
-        Ok(self.timing.is_some())
-    }
-
-    /// The passes since the last call. Waits for the device.
-    ///
-    /// # Errors
-    /// [`BackendError::DeviceLost`].
-    pub fn take_times(&mut self) -> Result<Vec<PassTime>, BackendError> {
-        self.timing.as_mut().map_or(Ok(Vec::new()), |timing| timing.take(&self.device))
     }
 
     /// Hands a gather over; see [`ReceiverLight::begin`].
