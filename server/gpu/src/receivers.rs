@@ -13,7 +13,9 @@ use crate::readback::Readback;
 use crate::recorder::{Recorder, folded, uniform_buffer};
 use crate::timing::{Sampling, Timing};
 use earthshine_radiosity::BackendError;
-use earthshine_radiosity::receivers::{Gathering, ReceiverGather, ReceiverLight, ReceiverRow, ReceiverSums};
+use earthshine_radiosity::receivers::{
+    Gathering, ReceiverGather, ReceiverLight, ReceiverRow, ReceiverSums, RowsOf,
+};
 use earthshine_shaders::host::{
     Pass, ReceiverAsked, ReceiverColumn, ReceiverLight as GatheredLight, ReceiverSpan, SegmentSpan,
 };
