@@ -40,6 +40,7 @@ mod glyphs;
 pub mod image_file;
 pub mod legend;
 pub mod metrics;
+pub mod noiseless;
 pub mod path;
 pub mod picture;
 pub mod progressive;

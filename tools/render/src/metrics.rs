@@ -2,7 +2,8 @@
 //!
 //! All on 8-bit sRGB pictures of one stated exposure, data range 1. SSIM punishes noise and forgives
 //! wrong energy, so nothing is accepted on it alone; light at points comes first
-//! ([`crate::compare_points`](mod@crate::compare_points)).
+//! ([`crate::compare_points`](mod@crate::compare_points)). What noise of the reference costs is left out in
+//! [`crate::noiseless`].
 
 use crate::image_file::luminance;
 use crate::picture::Picture;
@@ -14,7 +15,7 @@ pub const SSIM_WINDOW: usize = 11;
 /// Standard deviation of SSIM's Gaussian weights, pixels.
 pub const SSIM_SIGMA: f64 = 1.5;
 /// SSIM's two stabilisers, for data range 1.
-const SSIM_STABILISERS: [f64; 2] = [0.01 * 0.01, 0.03 * 0.03];
+pub(crate) const SSIM_STABILISERS: [f64; 2] = [0.01 * 0.01, 0.03 * 0.03];
 /// Rec. 709 weights of the encoded channels, for SSIM's grey.
 const GREY: [f64; 3] = [0.2126, 0.7152, 0.0722];
 
@@ -64,19 +65,25 @@ impl SizeError {
 /// # Errors
 /// The pictures differ in size or are smaller than SSIM's window.
 pub fn compare_pictures(measured: &RgbImage, reference: &RgbImage) -> Result<PictureErrors, SizeError> {
-    SizeError::check(measured.dimensions(), reference.dimensions())?;
-    let (width, height) = measured.dimensions();
-    if (width as usize).min(height as usize) < SSIM_WINDOW {
-        return Err(SizeError::TooSmall(width, height));
-    }
+    check_sizes(measured, reference)?;
     let mse = mean_squared_difference(measured.as_raw(), reference.as_raw());
     Ok(PictureErrors {
         mse,
         rmse: mse.sqrt(),
         psnr_db: (mse > 0.0).then(|| -10.0 * mse.log10()),
-        ssim: ssim(&grey(measured), &grey(reference), width as usize),
+        ssim: ssim(&grey(measured), &grey(reference), measured.width() as usize),
         flip: flip(measured, reference),
     })
+}
+
+/// Whether the pictures cover each other, and a window fits.
+pub(crate) fn check_sizes(measured: &RgbImage, reference: &RgbImage) -> Result<(), SizeError> {
+    SizeError::check(measured.dimensions(), reference.dimensions())?;
+    let (width, height) = measured.dimensions();
+    if (width as usize).min(height as usize) < SSIM_WINDOW {
+        return Err(SizeError::TooSmall(width, height));
+    }
+    Ok(())
 }
 
 /// Compares linear luminance pixel by pixel; zeros where the reference is black.
@@ -131,7 +138,8 @@ fn mean_squared_difference(one: &[u8], other: &[u8]) -> f64 {
     squares.sum::<f64>() / (255.0 * 255.0 * one.len() as f64)
 }
 
-fn grey(image: &RgbImage) -> Vec<f64> {
+/// Luma of the encoded channels, 0..=1.
+pub(crate) fn grey(image: &RgbImage) -> Vec<f64> {
     let value = |pixel: &image::Rgb<u8>| {
         pixel.0.iter().zip(GREY).map(|(&channel, weight)| f64::from(channel) * weight).sum::<f64>() / 255.0
     };
@@ -158,7 +166,7 @@ fn ssim(one: &[f64], other: &[f64], width: usize) -> f64 {
 }
 
 /// Gaussian means where the whole window fits: `SSIM_WINDOW - 1` fewer along each edge.
-fn blur(values: &[f64], width: usize) -> Vec<f64> {
+pub(crate) fn blur(values: &[f64], width: usize) -> Vec<f64> {
     let weights = window();
     let mean = |run: &mut dyn Iterator<Item = f64>| run.zip(&weights).map(|(v, w)| v * w).sum::<f64>();
     let across: Vec<f64> = values

@@ -1,7 +1,8 @@
 //! `bench pictures`: scenes baked, solved and drawn by their indirect light, held against the path tracer's pictures.
 //!
 //! What is compared is indirect light alone, in 8-bit sRGB at one exposure a scene: the one at which the geometric mean of
-//! the reference becomes middle grey. SSIM forgives wrong energy, so the bias of the linear light stands beside it.
+//! the reference becomes middle grey. SSIM forgives wrong energy, so the bias of the linear light stands beside it; and it
+//! takes noise of the reference for structure, so beside that against one reference is what two of them have in common.
 
 use super::Report;
 use super::accuracy::measured::baked;
@@ -16,6 +17,7 @@ use clap::Args;
 use earthshine_render::SceneTracer;
 use earthshine_render::image_file;
 use earthshine_render::metrics::{LinearErrors, PictureErrors, compare_pictures, linear_errors};
+use earthshine_render::noiseless::{NoiselessErrors, compare_noiseless};
 use earthshine_render::picture::{Layers, LightSource, PictureOptions, render_with_progress};
 use earthshine_world::Vec3;
 use serde::Serialize;
@@ -104,6 +106,8 @@ struct PictureFigures {
     uncovered_share: f64,
     #[serde(flatten)]
     errors: PictureErrors,
+    /// Without the references' noise.
+    noiseless: NoiselessErrors,
     /// Of the light itself, pixel by pixel; the reference's noise is in `median_rel`.
     linear: LinearErrors,
     /// Two references of different seeds: what noise alone costs.
@@ -167,6 +171,7 @@ fn figures_of(
         exposure,
         uncovered_share: served.uncovered_share,
         errors: compare_pictures(&shown(&served), &shown(&reference))?,
+        noiseless: compare_noiseless(&shown(&served), [&shown(&reference), &shown(&again)])?,
         linear: linear_errors(&served.indirect, &reference.indirect)?,
         noise: compare_pictures(&shown(&again), &shown(&reference))?,
     })
@@ -187,18 +192,22 @@ fn picture(
 }
 
 fn print_table(figures: &Figures) {
-    out!("| scene | voxel | detail | patches | SSIM | PSNR | FLIP | bias | SSIM, FLIP of two references |");
-    out!("|---|---|---|---|---|---|---|---|---|");
-    let decibels =
-        |errors: &PictureErrors| errors.psnr_db.map_or("same".to_owned(), |db| format!("{db:.1} dB"));
+    out!(
+        "| scene | voxel | detail | patches | SSIM | PSNR | FLIP | bias | SSIM, PSNR without noise | SSIM, FLIP of two references |"
+    );
+    out!("|---|---|---|---|---|---|---|---|---|---|");
+    let decibels = |psnr_db: Option<f64>| psnr_db.map_or("same".to_owned(), |db| format!("{db:.1} dB"));
     for picture in &figures.pictures {
-        let PictureFigures { scene, voxel_edge_m, detail, patches, errors, linear, noise, .. } = picture;
+        let PictureFigures { scene, voxel_edge_m, detail, patches, errors, noiseless, linear, noise, .. } =
+            picture;
         out!(
-            "| {scene} | {voxel_edge_m:.3} m | {detail} | {patches} | {:.3} | {} | {:.3} | {:+.1} % | {:.3}, {:.3} |",
+            "| {scene} | {voxel_edge_m:.3} m | {detail} | {patches} | {:.3} | {} | {:.3} | {:+.1} % | {:.3}, {} | {:.3}, {:.3} |",
             errors.ssim,
-            decibels(errors),
+            decibels(errors.psnr_db),
             errors.flip,
             linear.bias * 100.0,
+            noiseless.ssim,
+            decibels(noiseless.psnr_db),
             noise.ssim,
             noise.flip
         );
