@@ -34,6 +34,9 @@ struct Row {
     light: Rgb,
 }
 
+/// A slot, the number of the patch in it, its light.
+type PatchLight = (Slot, u64, Rgb);
+
 #[derive(Debug)]
 pub(crate) struct GatherBackend {
     slots: Vec<Option<Row>>,
@@ -44,8 +47,8 @@ pub(crate) struct GatherBackend {
     /// Patches so far, and how often news was asked for.
     patches: u64,
     asked: u64,
-    /// Whose light it is, and when it arrives.
-    on_its_way: VecDeque<(u64, Vec<(Slot, u64, Rgb)>)>,
+    /// When it arrives, and what.
+    on_its_way: VecDeque<(u64, Vec<PatchLight>)>,
 }
 
 impl GatherBackend {
