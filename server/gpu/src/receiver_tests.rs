@@ -143,7 +143,7 @@ fn check(gpu: &mut GpuReceivers, question: &Question) -> Vec<ReceiverSums> {
     assert_eq!(found.len(), expected.len());
     let light = |of: &ReceiverSums| [of.irradiance, of.far_irradiance, of.sky_irradiance];
     let shares = |of: &ReceiverSums| [of.resident_share, of.far_share, of.fed_share];
-    let brightest = expected.iter().flat_map(|sums| light(sums)).map(Rgb::max_element).fold(0.0, f32::max);
+    let brightest = expected.iter().flat_map(light).map(Rgb::max_element).fold(0.0, f32::max);
     for (at, (found, expected)) in found.iter().zip(&expected).enumerate() {
         for (found, expected) in light(found).into_iter().zip(light(expected)) {
             let gap = (found - expected).abs().max_element();
