@@ -1,4 +1,4 @@
-//! What of a step's light the host does not know yet, and its way there: [`News`].
+//! What of a step's light the host does not know yet, and its way there: `News`.
 //!
 //! After a step the light of every slot is turned into the code that will be published, and compared with the code that
 //! was told last: with what was *told*, not with the step before, so that small changes add up until they count. Slots that
