@@ -5,6 +5,7 @@ use crate::device_light::DeviceLight;
 use crate::device_receivers::DeviceReceivers;
 use crate::device_source::{CurrentDevice, DeviceSource, Found, Open};
 use crate::error::ServerError;
+use crate::on_device::OnDevice;
 use crate::pipeline_file::DeviceOpener;
 use earthshine_engine::{BackendFactory, Engine, SolverConfig};
 use earthshine_gpu::{AdapterChoice, GpuBackend, GpuDevice, GpuRowLight, memory};
@@ -66,8 +67,9 @@ impl Backends {
             return engine;
         }
         let current = self.device();
-        let receivers = move || Box::new(DeviceReceivers::new(current.clone())) as Box<dyn ReceiverLight>;
-        engine.lit_by(|| Box::new(DeviceLight::new(self.device()))).gathered_by(Box::new(receivers))
+        let receivers =
+            move || Box::new(DeviceReceivers(OnDevice::new(current.clone()))) as Box<dyn ReceiverLight>;
+        engine.lit_by(|| Box::new(DeviceLight(OnDevice::new(self.device())))).gathered_by(Box::new(receivers))
     }
 
     /// Local matrices with as many slots as asked for, or fewer if there is no memory for them.

@@ -1,6 +1,6 @@
 //! Direct light on the device that backends compute on: after a loss on the next one, on the CPU in between.
 
-use crate::device_source::CurrentDevice;
+use crate::on_device::OnDevice;
 use earthshine_gpu::direct::GpuDirect;
 use earthshine_light::{DirectLight, OccluderSet, PatchPoints};
 use earthshine_world::{Light, Rgb};
@@ -11,18 +11,7 @@ const RAYS_MIN: usize = 1024;
 
 /// Lights one level.
 #[derive(Debug)]
-pub(crate) struct DeviceLight {
-    current: CurrentDevice,
-    on_device: Option<GpuDirect>,
-    /// Whether trees were refused: once said is enough.
-    is_refused: bool,
-}
-
-impl DeviceLight {
-    pub(crate) fn new(current: CurrentDevice) -> Self {
-        Self { current, on_device: None, is_refused: false }
-    }
-}
+pub(crate) struct DeviceLight(pub(crate) OnDevice<GpuDirect>);
 
 impl DirectLight for DeviceLight {
     fn on_points(
@@ -31,16 +20,7 @@ impl DirectLight for DeviceLight {
         lights: &[Light],
         patches: &[PatchPoints<'_>],
     ) -> Option<Vec<Rgb>> {
-        if self.on_device.as_ref().is_none_or(GpuDirect::is_lost) {
-            let device = self.current.get().filter(|device| !device.is_lost() && !self.is_refused)?;
-            match GpuDirect::new(&device, RAYS_MIN) {
-                Ok(direct) => self.on_device = Some(direct),
-                Err(error) => {
-                    tracing::warn!(%error, "direct light is computed on the CPU");
-                    self.is_refused = true;
-                }
-            }
-        }
-        self.on_device.as_mut()?.on_points(occluders, lights, patches)
+        let direct = self.0.get("direct light is", |device| GpuDirect::new(device, RAYS_MIN))?;
+        direct.on_points(occluders, lights, patches)
     }
 }

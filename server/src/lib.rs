@@ -40,6 +40,7 @@ mod listener;
 mod loaded_engine;
 mod metrics;
 mod observer;
+mod on_device;
 mod pace;
 mod pipeline_file;
 mod promise;

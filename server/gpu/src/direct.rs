@@ -51,6 +51,8 @@ pub struct GpuDirect {
     uniforms: Buffer,
     timing: Option<Timing>,
     rays_min: usize,
+    /// Whether it has failed: once said is enough.
+    has_failed: bool,
 }
 
 impl GpuDirect {
@@ -70,13 +72,8 @@ impl GpuDirect {
             timing: None,
             device: device.clone(),
             rays_min,
+            has_failed: false,
         })
-    }
-
-    /// Whether the device is gone.
-    #[must_use]
-    pub fn is_lost(&self) -> bool {
-        self.device.is_lost()
     }
 
     /// Times every pass from now on; false where the device cannot.
@@ -243,15 +240,14 @@ impl DirectLight for GpuDirect {
         patches: &[PatchPoints<'_>],
     ) -> Option<Vec<Rgb>> {
         let rays: usize = patches.iter().map(|patch| patch.points.len() * lights.len()).sum();
-        if rays < self.rays_min || self.device.is_lost() {
+        if rays < self.rays_min || self.has_failed || self.device.is_lost() {
             return None;
         }
         match self.light(occluders, lights, patches) {
             Ok(on_points) => Some(on_points),
             Err(error) => {
                 tracing::warn!(%error, "direct light is computed on the CPU");
-                // Once said is enough.
-                self.rays_min = usize::MAX;
+                self.has_failed = true;
                 None
             }
         }

@@ -249,7 +249,7 @@ fn a_gather_is_answered_once_and_a_lost_device_never() {
     assert!(few.asked(|gather| gpu.begin(gather)));
     device.destroy();
     assert_eq!(gpu.take(), Gathering::Idle);
-    assert!(!few.asked(|gather| gpu.begin(gather)) && gpu.is_lost());
+    assert!(!few.asked(|gather| gpu.begin(gather)) && device.is_lost());
     assert_eq!(gpu.rows_max(), 0);
     assert!(matches!(GpuReceivers::new(&device), Err(ReceiversError::Device(_))));
 }

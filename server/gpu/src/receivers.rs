@@ -154,12 +154,6 @@ impl GpuReceivers {
         })
     }
 
-    /// Whether the device is gone.
-    #[must_use]
-    pub fn is_lost(&self) -> bool {
-        self.device.is_lost()
-    }
-
     /// Hands a gather over; see [`ReceiverLight::begin`].
     ///
     /// # Errors
