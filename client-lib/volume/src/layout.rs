@@ -42,7 +42,7 @@ pub enum LayoutError {
 }
 
 impl Layout {
-    /// Most voxels of a volume: its index takes 4 bytes a voxel, so 256 MiB.
+    /// Most voxels of a volume: its index takes 4 MiB where nothing is lit, 260 MiB where everything is.
     pub const VOXELS_MAX: u32 = 1 << 26;
     /// Most voxels along one axis.
     pub const DIM_MAX: u32 = 1 << 16;

@@ -10,6 +10,7 @@
 pub mod layout;
 mod level_blend;
 pub mod lookup;
+mod places;
 pub mod plane;
 pub mod rgb9e5;
 pub mod volume;

@@ -1,8 +1,9 @@
-//! The light of a box of voxels: a dense index, and a block for each voxel that has light.
+//! The light of a box of voxels: an index, and a block for each voxel that has light.
 //!
-//! A volume copies in time proportional to its lit voxels plus four bytes a voxel, so that a client can
-//! publish one a frame. It knows nothing of generations or of the wire.
+//! A volume copies in time proportional to its lit voxels, and a byte for each sixteen of all, so that a client can publish one
+//! a frame. It knows nothing of generations or of the wire.
 
+use crate::places::Places;
 use crate::{Layout, LayoutError, plane};
 use glam::{IVec3, Vec3};
 
@@ -87,8 +88,8 @@ impl VoxelLight {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Volume {
     layout: Layout,
-    /// One a voxel: 0 for dark, else one more than the place in `lights`.
-    places: Vec<u32>,
+    /// In `lights`.
+    places: Places,
     lights: Vec<VoxelLight>,
     /// The voxel that owns each of `lights`; the last one fills a gap.
     owners: Vec<u32>,
@@ -101,7 +102,7 @@ impl Volume {
     /// If the layout is not valid.
     pub fn new(layout: Layout) -> Result<Self, LayoutError> {
         layout.validate()?;
-        let places = vec![0; layout.voxel_count() as usize];
+        let places = Places::new(layout.voxel_count());
         Ok(Self { layout, places, lights: Vec::new(), owners: Vec::new() })
     }
 
@@ -126,8 +127,7 @@ impl Volume {
     /// Light of the voxel with linear `index`; `None` where there is none, and outside.
     #[must_use]
     pub fn get(&self, index: u32) -> Option<&VoxelLight> {
-        let place = self.places.get(index as usize)?.checked_sub(1)?;
-        self.lights.get(place as usize)
+        self.lights.get(self.places.get(index)? as usize)
     }
 
     /// Light of `voxel`, in voxels of the volume's level.
@@ -139,20 +139,22 @@ impl Volume {
     /// Replaces the light of the voxel with linear `index`; a light without patches removes it.
     /// Says whether `index` is inside.
     pub fn set(&mut self, index: u32, light: &VoxelLight) -> bool {
-        let Some(place) = self.places.get_mut(index as usize) else { return false };
-        match (*place, light.present & VoxelLight::ALL_PRESENT) {
-            (0, 0) => {}
-            (0, _) => {
+        if !self.places.has(index) {
+            return false;
+        }
+        match (self.places.get(index), light.present & VoxelLight::ALL_PRESENT) {
+            (None, 0) => {}
+            (None, _) => {
+                // At most `Layout::VOXELS_MAX` lights.
+                self.places.set(index, self.lights.len() as u32);
                 self.lights.push(*light);
                 self.owners.push(index);
-                // At most `Layout::VOXELS_MAX` lights.
-                *place = self.lights.len() as u32;
             }
-            (taken, 0) => {
-                *place = 0;
-                self.remove(taken - 1);
+            (Some(place), 0) => {
+                self.places.remove(index);
+                self.remove(place);
             }
-            (taken, _) => self.lights[taken as usize - 1] = *light,
+            (Some(place), _) => self.lights[place as usize] = *light,
         }
         true
     }
@@ -219,9 +221,8 @@ impl Volume {
 
     /// Removes all light.
     pub fn clear(&mut self) {
-        for owner in self.owners.drain(..) {
-            self.places[owner as usize] = 0;
-        }
+        self.places.clear();
+        self.owners.clear();
         self.lights.clear();
     }
 
@@ -260,11 +261,10 @@ impl Volume {
     }
 
     fn remove(&mut self, place: u32) {
-        let place = place as usize;
-        self.lights.swap_remove(place);
-        self.owners.swap_remove(place);
-        if let Some(&owner) = self.owners.get(place) {
-            self.places[owner as usize] = place as u32 + 1;
+        self.lights.swap_remove(place as usize);
+        self.owners.swap_remove(place as usize);
+        if let Some(&owner) = self.owners.get(place as usize) {
+            self.places.set(owner, place);
         }
     }
 }

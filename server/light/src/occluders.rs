@@ -49,11 +49,14 @@ impl Occluders {
             opacities.push(f32::from(surface[3]) / 255.0);
         }
         let boxed: Vec<Triangle> = corners.iter().map(|&[v0, v1, v2]| triangle_of(v0, v1, v2)).collect();
-        let tree = if boxed.is_empty() {
+        let mut tree = if boxed.is_empty() {
             CwBvh::default()
         } else {
             build_cwbvh_from_tris(&boxed, BvhBuildParams::fast_build(), &mut Duration::default())
         };
+        // The builder makes room for the worst tree, some seven times what this one needs.
+        tree.nodes.shrink_to_fit();
+        tree.primitive_indices.shrink_to_fit();
         let in_leaf_order = tree.primitive_indices.iter().map(|&index| index as usize);
         let triangles = in_leaf_order.clone().map(|index| RayTriangle::new(corners[index])).collect();
         let transmittances = in_leaf_order.map(|index| 1.0 - opacities[index]).collect();
