@@ -263,6 +263,16 @@ impl Collector for EngineCollector {
             let labels = [("level", level.to_string())];
             ConstCounter::new(count).encode(misses.encode_family(&labels)?)?;
         }
+        let mut broken = encoder.encode_descriptor(
+            "promise_violation_causes",
+            "Broken promises by what was waited for: the first of a tile, a slot, light",
+            None,
+            MetricType::Counter,
+        )?;
+        let causes = self.0.stats.counters.violation_causes;
+        for (cause, count) in [("tile", causes.tiles), ("slot", causes.slots), ("light", causes.light)] {
+            ConstCounter::new(count).encode(broken.encode_family(&[("cause", cause)])?)?;
+        }
         for (name, help, value) in gauges(&self.0) {
             let metric = encoder.encode_descriptor(name, help, None, MetricType::Gauge)?;
             ConstGauge::new(value).encode(metric)?;
@@ -411,6 +421,7 @@ mod tests {
         let mut stats = EngineReport::default();
         stats.stats.counters.adds = 17;
         stats.stats.counters.violations = 5;
+        stats.stats.counters.violation_causes.slots = 2;
         stats.stats.counters.misses_by_level[1] = 4;
         stats.stats.promised_radius_m = 12.5;
         stats.stats.sessions = [(0.5, 0.25), (0.25, 0.25), (0.0, 0.0)]
@@ -423,6 +434,7 @@ mod tests {
             "earthshine_engine_patches_added_total 17",
             "earthshine_engine_matrix_drift_ratio 0.0",
             "earthshine_engine_promise_violations_total 5",
+            "earthshine_engine_promise_violation_causes_total{cause=\"slot\"} 2",
             "earthshine_engine_level_misses_total{level=\"1\"} 4",
             "earthshine_engine_promised_radius_meters 12.5",
             "earthshine_engine_fed_share_ratio 0.5",

@@ -85,4 +85,6 @@ pub use invariant::InvariantError;
 pub use promise::{Means, Promise, Prospect};
 pub use residency::ChunkState;
 pub use solver_config::SolverConfig;
-pub use stats::{ChunkCounts, Counters, EngineStats, IgnoredEvents, SessionStats, TickStats};
+pub use stats::{
+    ChunkCounts, Counters, EngineStats, IgnoredEvents, SessionStats, TickStats, ViolationCauses,
+};

@@ -33,6 +33,28 @@ impl IgnoredEvents {
 /// Levels that are counted apart; the last counts all above it too.
 pub const LEVELS: usize = 16;
 
+/// Broken promises by what was waited for: a tick counts once, for the first of these that any missing patch waits for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ViolationCauses {
+    /// A tile: it was asked for too late, or is read too slowly.
+    pub tiles: u64,
+    /// A slot: swaps do not keep up with the camera.
+    pub slots: u64,
+    /// Light: the patch holds a slot, and its solver has not told of it.
+    pub light: u64,
+}
+
+impl ViolationCauses {
+    /// What was counted after `earlier`.
+    fn since(&self, earlier: &Self) -> Self {
+        Self {
+            tiles: self.tiles - earlier.tiles,
+            slots: self.slots - earlier.slots,
+            light: self.light - earlier.light,
+        }
+    }
+}
+
 /// What has been done since the start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counters {
@@ -93,6 +115,8 @@ pub struct Counters {
     pub promised_ticks: u64,
     /// Of those, with a patch of any level missing inside the radius promised of it.
     pub violations: u64,
+    /// The same by cause.
+    pub violation_causes: ViolationCauses,
     /// Ticks times sessions, jumps included, with a patch missing inside the radius promised of its level.
     pub misses_by_level: [u64; LEVELS],
 }
@@ -138,6 +162,7 @@ impl Counters {
             evicted: self.evicted - earlier.evicted,
             promised_ticks: self.promised_ticks - earlier.promised_ticks,
             violations: self.violations - earlier.violations,
+            violation_causes: self.violation_causes.since(&earlier.violation_causes),
             misses_by_level: std::array::from_fn(|at| self.misses_by_level[at] - earlier.misses_by_level[at]),
         }
     }

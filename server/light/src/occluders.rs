@@ -148,4 +148,18 @@ mod tests {
         let ray = Ray::new_inf(glam::Vec3A::ZERO, glam::Vec3A::X);
         assert_eq!(empty.attenuate(&ray, 1.0), 1.0);
     }
+
+    #[test]
+    fn casters_take_no_more_memory_than_they_say() {
+        let vertices: Vec<Vec3> =
+            (0..1002u16).map(|at| Vec3::splat(f32::from(at)).with_y(f32::from(at % 7))).collect();
+        let triangles: Vec<[u32; 3]> = (0..1000).map(|first| [first, first + 1, first + 2]).collect();
+        let surfaces = vec![[0, 0, 0, 255]; triangles.len()];
+        let occluders = Occluders::build(&OccluderMesh { vertices, triangles, surfaces });
+        let held = occluders.tree.nodes.capacity() * size_of::<CwBvhNode>()
+            + occluders.tree.primitive_indices.capacity() * size_of::<u32>()
+            + occluders.triangles.capacity() * size_of::<RayTriangle>()
+            + occluders.transmittances.capacity() * size_of::<f32>();
+        assert_eq!((occluders.triangle_count(), held), (1000, occluders.bytes()));
+    }
 }

@@ -312,6 +312,8 @@ fn a_broken_promise_is_counted_and_told() {
         let (stats, quality) = (harness.engine.stats(), harness.frame(ALICE).quality);
         assert!(stats.counters.promised_ticks > 50, "{stats:?}");
         assert_eq!(stats.counters.violations > 0, is_broken, "{stats:?}");
+        let causes = stats.counters.violation_causes;
+        assert_eq!([causes.tiles, causes.slots, causes.light], [stats.counters.violations, 0, 0]);
         assert_eq!((quality.missing_near > 0, stats.sessions[0].violations > 0), (is_broken, is_broken));
         assert!(stats.counters.misses_by_level[0] > 0, "the first ticks have no light yet");
     }

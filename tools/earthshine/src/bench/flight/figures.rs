@@ -3,11 +3,26 @@
 use super::{FlightArguments, Flown};
 use earthshine_render::chart::{Axis, Chart, Scale, Series};
 use earthshine_render::compare_points::percentile;
+use earthshine_server::ViolationCauses;
 use serde::Serialize;
 use std::path::PathBuf;
 
 /// Points a chart shows at most: more than pixels.
 const CHART_POINTS_MAX: usize = 2000;
+
+/// Broken promises by what was waited for first.
+#[derive(Serialize)]
+pub(super) struct ByCause {
+    pub(super) tiles: u64,
+    pub(super) slots: u64,
+    pub(super) light: u64,
+}
+
+impl From<ViolationCauses> for ByCause {
+    fn from(ViolationCauses { tiles, slots, light }: ViolationCauses) -> Self {
+        Self { tiles, slots, light }
+    }
+}
 
 #[derive(Serialize)]
 pub(super) struct Figures {
@@ -21,6 +36,7 @@ pub(super) struct Figures {
     pub(super) ticks: u64,
     pub(super) promised_ticks: u64,
     pub(super) violations: u64,
+    pub(super) violations_by_cause: ByCause,
     /// Ticks with a patch missing inside the promised radius, twice that on level 1, and so on; jumps included.
     pub(super) misses_by_level: Vec<u64>,
     pub(super) misses_by_level_per_10000: Vec<f64>,
@@ -58,6 +74,8 @@ pub(super) struct Figures {
     pub(super) rss_first_lap_bytes: u64,
     pub(super) rss_last_lap_bytes: u64,
     pub(super) rss_by_lap_bytes: Vec<u64>,
+    /// The same without mapped files, whose pages come and go with the system's cache.
+    pub(super) anonymous_by_lap_bytes: Vec<u64>,
     pub(super) drift_rel: f64,
     pub(super) far_share: f32,
     pub(super) fed_share: f32,
@@ -89,6 +107,7 @@ impl Figures {
             ticks,
             promised_ticks: counters.promised_ticks,
             violations: counters.violations,
+            violations_by_cause: counters.violation_causes.into(),
             misses_by_level_per_10000: misses_by_level
                 .iter()
                 .map(|&count| count as f64 * 1e4 / ticks.max(1) as f64)
@@ -122,6 +141,7 @@ impl Figures {
             rss_first_lap_bytes: flown.footprint.rss_bytes.first().copied().unwrap_or(0),
             rss_last_lap_bytes: flown.footprint.rss_bytes.last().copied().unwrap_or(0),
             rss_by_lap_bytes: flown.footprint.rss_bytes.clone(),
+            anonymous_by_lap_bytes: flown.footprint.anonymous_bytes.clone(),
             drift_rel: report.server_matrix_drift.unwrap_or(0.0),
             far_share: session.0,
             fed_share: session.1,

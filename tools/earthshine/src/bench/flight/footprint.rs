@@ -8,6 +8,8 @@ use std::path::Path;
 pub(super) struct Footprint {
     /// Most resident memory in each lap.
     pub(super) rss_bytes: Vec<u64>,
+    /// The most of it in each lap that is the process's own: no mapped file.
+    pub(super) anonymous_bytes: Vec<u64>,
     pub(super) dropped_bytes: u64,
     read_before: u64,
     read_after: u64,
@@ -16,14 +18,23 @@ pub(super) struct Footprint {
 impl Footprint {
     pub(super) fn new(laps: u32) -> Self {
         let read = storage_bytes();
-        Self { rss_bytes: vec![0; laps as usize], dropped_bytes: 0, read_before: read, read_after: read }
+        let none = vec![0; laps as usize];
+        Self {
+            rss_bytes: none.clone(),
+            anonymous_bytes: none,
+            dropped_bytes: 0,
+            read_before: read,
+            read_after: read,
+        }
     }
 
     /// In lap `lap`, or the last.
     pub(super) fn look(&mut self, lap: u32) {
-        let last = self.rss_bytes.len() - 1;
-        let most = &mut self.rss_bytes[(lap as usize).min(last)];
-        *most = (*most).max(rss_bytes());
+        let lap = (lap as usize).min(self.rss_bytes.len() - 1);
+        let [resident, of_files] = resident_bytes();
+        let raise = |most: &mut u64, now: u64| *most = now.max(*most);
+        raise(&mut self.rss_bytes[lap], resident);
+        raise(&mut self.anonymous_bytes[lap], resident.saturating_sub(of_files));
     }
 
     pub(super) fn end(&mut self) {
@@ -55,11 +66,11 @@ pub(super) fn drop_pages(folder: &Path) -> anyhow::Result<u64> {
     Ok(bytes)
 }
 
-/// Resident memory of this process; 0 where the system does not say.
-fn rss_bytes() -> u64 {
-    let resident = |text: String| text.split_whitespace().nth(1)?.parse::<u64>().ok();
-    let pages = std::fs::read_to_string("/proc/self/statm").ok().and_then(resident);
-    pages.unwrap_or(0) * rustix::param::page_size() as u64
+/// Resident memory of this process, and what of it are mapped files; 0 where the system does not say.
+fn resident_bytes() -> [u64; 2] {
+    let text = std::fs::read_to_string("/proc/self/statm").unwrap_or_default();
+    let pages = |field: usize| text.split_whitespace().nth(field)?.parse::<u64>().ok();
+    [1, 2].map(|field| pages(field).unwrap_or(0) * rustix::param::page_size() as u64)
 }
 
 /// Bytes that this process made the system fetch from storage; 0 where it does not say.

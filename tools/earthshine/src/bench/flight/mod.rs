@@ -197,11 +197,14 @@ impl Figures {
             promise.recovery_s
         );
         out!(
-            "at {:.0} m/s within {:.1} m: {} violations in {} ticks",
+            "at {:.0} m/s within {:.1} m: {} violations in {} ticks (waiting for tiles {}, slots {}, light {})",
             self.speed_m_s,
             self.promised_radius_at_speed_m,
             self.violations,
-            self.promised_ticks
+            self.promised_ticks,
+            self.violations_by_cause.tiles,
+            self.violations_by_cause.slots,
+            self.violations_by_cause.light
         );
         out!(
             "{} frames to the client ({:.1} a second), {} of {} without light below the camera",
