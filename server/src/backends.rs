@@ -30,7 +30,11 @@ impl Backends {
     /// # Errors
     /// [`ServerError::Gpu`], [`ServerError::GpuSlots`].
     pub(crate) fn open(config: &Config) -> Result<Self, ServerError> {
-        let choice = AdapterChoice { name: config.gpu_adapter.clone(), allow_software: false };
+        let choice = AdapterChoice {
+            name: config.gpu_adapter.clone(),
+            allow_software: false,
+            without_subgroups: !config.gpu_subgroups,
+        };
         Self::open_by(config, DeviceOpener::new(choice, &config.gpu_pipeline_cache).into())
     }
 

@@ -42,6 +42,9 @@ pub struct Config {
     /// Whether an adapter with less room than is configured is refused, instead of taking what fits.
     pub gpu_strict: bool,
 
+    /// Whether kernels use the adapter's subgroups where these are as they need them; the same bits without.
+    pub gpu_subgroups: bool,
+
     /// File that keeps compiled kernels from one start to the next; empty for none. Only who runs the server may be able to
     /// write it, and each adapter needs one of its own. Most drivers keep kernels themselves: `earthshine gpu` measures
     /// what this adds.
@@ -186,6 +189,7 @@ impl Default for Config {
             backend: BackendKind::Cpu,
             gpu_adapter: String::new(),
             gpu_strict: false,
+            gpu_subgroups: true,
             gpu_pipeline_cache: PathBuf::new(),
             connections_max: 64,
             message_bytes_max: earthshine_protocol::CLIENT_MESSAGE_BYTES_MAX as u32,

@@ -2,8 +2,8 @@
 
 use crate::on_device::OnDevice;
 use earthshine_gpu::direct::GpuDirect;
-use earthshine_light::{DirectLight, OccluderSet, PatchPoints};
-use earthshine_world::{Light, Rgb};
+use earthshine_light::{DirectLight, LightUnderWay, OccluderSet, PatchPoints};
+use earthshine_world::Light;
 
 /// Fewer points times lamps are left to the CPU. Reckoned from the CPU's rate and a way to a device and back, not measured:
 /// look again with hardware.
@@ -14,13 +14,13 @@ const RAYS_MIN: usize = 1024;
 pub(crate) struct DeviceLight(pub(crate) OnDevice<GpuDirect>);
 
 impl DirectLight for DeviceLight {
-    fn on_points(
+    fn begin(
         &mut self,
         occluders: &OccluderSet,
         lights: &[Light],
         patches: &[PatchPoints<'_>],
-    ) -> Option<Vec<Rgb>> {
-        let direct = self.0.get("direct light is", |device| GpuDirect::new(device, RAYS_MIN))?;
-        direct.on_points(occluders, lights, patches)
+    ) -> Option<Box<dyn LightUnderWay>> {
+        let direct = self.0.get("direct light", |device| GpuDirect::new(device, RAYS_MIN))?;
+        direct.begin(occluders, lights, patches)
     }
 }

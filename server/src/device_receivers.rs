@@ -15,7 +15,7 @@ impl ReceiverLight for DeviceReceivers {
     }
 
     fn begin(&mut self, gather: &ReceiverGather<'_>) -> bool {
-        let receivers = self.0.get("light of receivers, or far light, is", GpuReceivers::new);
+        let receivers = self.0.get("light of receivers, or far light,", GpuReceivers::new);
         receivers.is_some_and(|receivers| receivers.begin(gather))
     }
 

@@ -1,10 +1,11 @@
-//! Receivers and far light gathered on a device, in an engine that streams a world from disk: what it tells is what an engine
-//! that gathers on the CPU tells. Without an adapter the test says why it is skipped.
+//! Direct light computed, receivers and far light gathered on a device, in an engine that streams a world from disk: what it
+//! tells is what an engine on the CPU tells. Without an adapter the test says why it is skipped.
 
 use earthshine_bake::Levels;
 use earthshine_engine::{Command, Engine, EngineConfig, Event, Frame, PatchLight, SessionId};
 use earthshine_gen::fixtures;
 use earthshine_gpu::GpuDevice;
+use earthshine_gpu::direct::GpuDirect;
 use earthshine_gpu::receivers::GpuReceivers;
 use earthshine_light::Occluders;
 use earthshine_radiosity::CpuBackend;
@@ -16,8 +17,11 @@ use earthshine_world::lineage::Lineage;
 use earthshine_world::{Camera, Chunk, ChunkId, Light, LightRig, Rgb, Sky, Vec3};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
 
 const ALICE: SessionId = SessionId(1);
+/// Ticks wait for no device, so how many it takes says nothing.
+const PATIENCE: Duration = Duration::from_secs(120);
 
 /// A device whose answers are counted.
 #[derive(Debug)]
@@ -55,7 +59,7 @@ struct Streamed {
 }
 
 impl Streamed {
-    /// With a third of the patches resident; receivers are gathered on `device`, if any.
+    /// With a third of the patches resident; lit and gathered on `device`, if any.
     fn new(world: &BakedWorld, device: Option<&GpuDevice>) -> Self {
         let store = DirStore::open(world.path()).expect("a world");
         let config = EngineConfig {
@@ -71,6 +75,7 @@ impl Streamed {
             Engine::new(store.manifest().index(), config, Box::new(backend)).expect("a sound index");
         let answers = Arc::new(AtomicU64::default());
         if let Some(device) = device.cloned() {
+            engine = engine.lit_by(|| Box::new(GpuDirect::new(&device, 0).expect("room")));
             let answers = Arc::clone(&answers);
             let make = move || {
                 let receivers = GpuReceivers::new(&device).expect("a small buffer");
@@ -124,7 +129,10 @@ impl Streamed {
         self.events.push(Event::Lights { session: ALICE, lights: lights.clone() });
         let camera = Camera { position, forward: Vec3::X, velocity: Vec3::ZERO };
         self.events.push(Event::Camera { session: ALICE, camera });
-        assert!((0..2000).any(|_| self.tick()), "not settled: {:?}", self.engine.stats());
+        let began = Instant::now();
+        while !self.tick() {
+            assert!(began.elapsed() < PATIENCE, "not settled: {:?}", self.engine.stats());
+        }
         Arc::clone(self.frame.as_ref().expect("settled light is published"))
     }
 }

@@ -3,7 +3,9 @@
 //! It owns the shadow casters of all chunks in memory and says when and where they have changed; which slots are lit again,
 //! and when, is [`crate::relight`]'s business.
 
-use earthshine_light::{DirectLight, OccluderSet, Occluders, PatchPoints, direct_irradiance_on, told_apart};
+use earthshine_light::{
+    DirectLight, LightUnderWay, OccluderSet, Occluders, PatchPoints, direct_irradiance_on,
+};
 use earthshine_world::random::{Purpose, hash};
 use earthshine_world::{Bounds, ChunkId, Light, OccluderMesh, Patch, Rgb, SamplePoint};
 use std::collections::VecDeque;
@@ -41,7 +43,7 @@ impl ShadowCasters {
         }
     }
 
-    /// Patches are lit by `device` from now on, as far as it can.
+    /// [`Self::ask`] asks `device` from now on.
     pub(crate) fn light_by(&mut self, device: Box<dyn DirectLight>) {
         self.device = Some(Mutex::new(device));
     }
@@ -88,8 +90,19 @@ impl ShadowCasters {
         }
     }
 
+    /// Has somebody else light `patches`, each with its points, by `lights`; nothing where the CPU has to.
+    pub(crate) fn ask(
+        &self,
+        lights: &[Light],
+        patches: &[(&Patch, &[SamplePoint])],
+    ) -> Option<Box<dyn LightUnderWay>> {
+        let device = self.device.as_ref().filter(|_| !lights.is_empty())?;
+        let asked: Vec<_> = patches.iter().map(|&(patch, points)| self.asked(patch, points)).collect();
+        device.lock().unwrap_or_else(PoisonError::into_inner).begin(&self.set, lights, &asked)
+    }
+
     /// Irradiance on each of `patches`, with its points, from delta lights, lx, and that on each of the points; nothing where
-    /// all have the same. The same bits for the same lights, casters and seed, on one device or on the CPU.
+    /// all have the same. The same bits for the same lights, casters and seed.
     pub(crate) fn irradiance(
         &self,
         lights: &[Light],
@@ -98,24 +111,11 @@ impl ShadowCasters {
         if lights.is_empty() {
             return vec![(Rgb::ZERO, Box::default()); patches.len()];
         }
-        let asked: Vec<PatchPoints<'_>> =
-            patches.iter().map(|&(patch, points)| self.asked(patch, points)).collect();
-        let by_device = self.device.as_ref().and_then(|device| {
-            device.lock().unwrap_or_else(PoisonError::into_inner).on_points(&self.set, lights, &asked)
-        });
-        let Some(on_points) = by_device else {
-            let on_cpu = |of: &PatchPoints<'_>| {
-                direct_irradiance_on(&self.set, lights, of.points, of.epsilon_m, of.seed)
-            };
-            return asked.iter().map(on_cpu).collect();
+        let lit = |&(patch, points): &(&Patch, &[SamplePoint])| {
+            let of = self.asked(patch, points);
+            direct_irradiance_on(&self.set, lights, of.points, of.epsilon_m, of.seed)
         };
-        let mut rest = &on_points[..];
-        let mut next = |of: &PatchPoints<'_>| {
-            let (own, others) = rest.split_at(of.points.len());
-            rest = others;
-            (own.iter().sum::<Rgb>() / own.len().max(1) as f32, told_apart(own))
-        };
-        asked.iter().map(&mut next).collect()
+        patches.iter().map(lit).collect()
     }
 
     fn asked<'a>(&self, patch: &Patch, points: &'a [SamplePoint]) -> PatchPoints<'a> {
@@ -127,56 +127,5 @@ impl ShadowCasters {
     fn patch_seed(&self, patch: &Patch) -> u64 {
         let [x, y, z] = patch.voxel.to_array().map(|c| u64::from(c.cast_unsigned()));
         hash(self.seed, Purpose::SunDisc, x << 32 | y, z << 32 | patch.direction.index() as u64)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use earthshine_world::{Direction, Vec3, VoxelCoord};
-
-    /// Lights batches of two and more, and nothing else.
-    #[derive(Debug)]
-    struct Fussy;
-
-    impl DirectLight for Fussy {
-        fn on_points(
-            &mut self,
-            _: &OccluderSet,
-            _: &[Light],
-            patches: &[PatchPoints<'_>],
-        ) -> Option<Vec<Rgb>> {
-            let counts: usize = patches.iter().map(|patch| patch.points.len()).sum();
-            (patches.len() > 1).then(|| (0..counts).map(|at| Rgb::splat(at as f32)).collect())
-        }
-    }
-
-    #[test]
-    fn a_device_lights_what_it_can_and_the_cpu_the_rest() {
-        let sun = Light::Directional {
-            direction: Vec3::NEG_Y,
-            illuminance: Rgb::splat(10.0),
-            angular_diameter_rad: 0.0,
-        };
-        let patch = Patch {
-            voxel: VoxelCoord::ZERO,
-            direction: Direction::PosY,
-            area: 1.0,
-            centroid: Vec3::ZERO,
-            reflectance: Rgb::splat(0.5),
-            emission: Rgb::ZERO,
-            point_first: 0,
-            point_count: 1,
-        };
-        let point = SamplePoint { position: Vec3::ZERO, normal: Vec3::Y };
-        let asked = [(&patch, &[point; 1][..]), (&patch, &[point; 3][..])];
-        let alike = |light: f32| (Rgb::splat(light), Box::<[Rgb]>::default());
-        let mut casters = ShadowCasters::new(1, 0, 1.0);
-        assert_eq!(casters.irradiance(&[sun], &asked), [alike(10.0), alike(10.0)]);
-        casters.light_by(Box::new(Fussy));
-        let apart = [1.0, 2.0, 3.0].map(Rgb::splat);
-        assert_eq!(casters.irradiance(&[sun], &asked), [alike(0.0), (Rgb::splat(2.0), Box::new(apart) as _)]);
-        assert_eq!(casters.irradiance(&[sun], &asked[..1]), [alike(10.0)]);
-        assert_eq!(casters.irradiance(&[], &asked), [alike(0.0), alike(0.0)]);
     }
 }

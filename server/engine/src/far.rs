@@ -4,7 +4,7 @@
 //! the session holds it; else its own parent stands for it, and so on up to the top. What no view holds is a gap: it
 //! brings no light, is counted, and is never given to the sky. Coupling goes one way, coarse to fine.
 
-use crate::local_set::LocalSet;
+use crate::local_set::{LocalSet, Resident};
 use crate::row_split::{NOBODY, RowSplit};
 use crate::slots::{FREE, SlotTable};
 use earthshine_world::lineage::{Lineage, Parents};
@@ -287,6 +287,16 @@ impl<'a> FarSenders<'a> {
 /// Gathers far light of every slot of `local` from the views above it, finest first, one a level; a level that has no
 /// local set for now is passed over. Returns whether any changed.
 pub(crate) fn gather(local: &mut LocalSet, coarser: &[Option<&LocalSet>]) -> bool {
+    local.moved.clear();
+    gather_those(local, coarser, |_| true)
+}
+
+/// As [`gather`], of those slots alone for which `is_asked`.
+pub(crate) fn gather_those(
+    local: &mut LocalSet,
+    coarser: &[Option<&LocalSet>],
+    is_asked: impl Fn(&Resident) -> bool,
+) -> bool {
     let Some(field) = &local.far else { return false };
     let exitances = exitances_of(coarser);
     let ancestries = field.ancestries(coarser, &exitances);
@@ -297,7 +307,7 @@ pub(crate) fn gather(local: &mut LocalSet, coarser: &[Option<&LocalSet>]) -> boo
         sent[at].get(|| ancestries[block].as_ref().and_then(|ancestry| ancestry.exitance(parent)))
     };
     let mut changed = false;
-    for resident in local.residents.iter_mut().flatten() {
+    for resident in local.residents.iter_mut().flatten().filter(|resident| is_asked(resident)) {
         // Some hundred products of one sign: `f32` is enough.
         let mut sum = Vec4::ZERO;
         for far in resident.split.parents.iter().filter(|far| far.share > 0.0) {

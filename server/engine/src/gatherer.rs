@@ -17,6 +17,11 @@ impl Gatherer {
         Self { light: Some(light), left_to_cpu: 0 }
     }
 
+    /// Whether there is anybody.
+    pub(crate) fn is_there(&self) -> bool {
+        self.light.is_some()
+    }
+
     /// Whoever gathers, to ask how a gather stands.
     pub(crate) fn light(&mut self) -> Option<&mut Box<dyn ReceiverLight>> {
         self.light.as_mut()

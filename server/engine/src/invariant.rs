@@ -9,7 +9,7 @@
 //! | E5 bijection | slots, free slots, slot tables and backend agree; a slot's patch is its chunk's |
 //! | E6 parts | row parts are up to date; the sky's part is the stored one, to the bit; the parts sum to at most one |
 //! | E7 frame | a frame is finite, not negative, ascending, and no larger than the capacity |
-//! | E8 limit | sessions and receivers are within their limits |
+//! | E8 limit | sessions, receivers and questions about direct light are within their limits |
 //! | E9 air | receivers are counted, and light in the air is finite, ascending and nowhere where a patch is resident |
 //! | E9 detail voxels | light of detail is finite and ascending |
 //! | E10 pinned | a settled pinned level is resident, all of it that is not refused or given up |
@@ -18,6 +18,7 @@
 //! | E13 promise | violations are ticks held against the promise; what a frame says is missing is missing |
 
 use crate::PatchLight;
+use crate::asked_light::QUESTIONS_MAX;
 use crate::engine::Engine;
 use crate::level_view::LevelView;
 use crate::local_set::LocalSet;
@@ -58,6 +59,9 @@ impl Engine {
                 if let Some(local) = &view.local {
                     self.check_local(view, local)?;
                     check_far(view, local)?;
+                    ensure("E8 limit", local.asked.len() <= QUESTIONS_MAX, || {
+                        format!("session {} asks {} questions", session.id.0, local.asked.len())
+                    })?;
                     for (_, resident) in local.iter() {
                         *slots.entry(resident.id.chunk).or_default() += 1;
                     }

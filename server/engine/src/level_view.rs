@@ -6,8 +6,8 @@
 use crate::chunks::ChunkTable;
 use crate::config::EngineConfig;
 use crate::far;
-use crate::far_device;
-use crate::gatherer::Gatherer;
+use crate::far_device::{FarAsked, FarDevice, FarTaken};
+use crate::far_follow::follow;
 use crate::local_set::{LocalSet, Resident};
 use crate::priority::{Outlook, SwapPlan, plan_swaps};
 use crate::relight::{self, Relight};
@@ -49,7 +49,7 @@ pub(crate) struct LevelView {
     pub(crate) level: u8,
     pub(crate) local: Option<LocalSet>,
     /// Who gathers its far light beside the CPU.
-    pub(crate) far_gatherer: Gatherer,
+    pub(crate) far_device: FarDevice,
     /// Ascending by id.
     chunks: Vec<WantedChunk>,
     pub(crate) plan: SwapPlan,
@@ -84,7 +84,7 @@ impl LevelView {
             session,
             level,
             local: None,
-            far_gatherer: Gatherer::default(),
+            far_device: FarDevice::default(),
             chunks: Vec::new(),
             plan: SwapPlan::default(),
             target: u32::MAX,
@@ -184,12 +184,38 @@ impl LevelView {
         }
     }
 
+    /// Takes the direct light that has come from elsewhere.
+    pub(crate) fn take_direct(
+        &mut self,
+        table: &ChunkTable,
+        lighting: &Lighting,
+        tick: u64,
+        counters: &mut Counters,
+    ) {
+        if self.local.as_ref().is_none_or(|local| local.asked.len() == 0) {
+            return;
+        }
+        let Some(mut local) = self.local.take() else { return };
+        let arrived = self.relight(table, lighting, tick).take_asked(&mut local);
+        self.local = Some(local);
+        counters.slots_lit += u64::from(arrived.slots);
+        self.are_sources_old |= arrived.slots > 0;
+        self.is_urgent |= arrived.is_other_light;
+        // What is still on its way grows older.
+        self.has_news = true;
+    }
+
+    /// Whether any slot's direct light is out of date and not on its way.
+    pub(crate) fn has_unasked(&self, table: &ChunkTable, lighting: &Lighting) -> bool {
+        self.local.as_ref().is_some_and(|local| self.relight(table, lighting, 0).has_unasked(local))
+    }
+
     /// How many slots have direct light that is out of date.
     pub(crate) fn stale_count(&self, table: &ChunkTable, lighting: &Lighting) -> u32 {
         self.local.as_ref().map_or(0, |local| self.relight(table, lighting, 0).stale_count(local))
     }
 
-    /// Lights stale slots again, most urgent first, for up to `most` points times lights, one slot at least.
+    /// Lights slots again that are out of date, most urgent first, for up to `most` points times lights, one slot at least.
     pub(crate) fn refresh_direct(
         &mut self,
         table: &ChunkTable,
@@ -200,10 +226,10 @@ impl LevelView {
     ) -> u32 {
         let Some(mut local) = self.local.take() else { return 0 };
         let relight = self.relight(table, lighting, tick);
-        let stale = relight.stale_slots(&local);
-        let (lit, spent) = relight.light(&mut local, &stale, most);
+        let unasked = relight.unasked_slots(&local);
+        let (lit, spent) = relight.light(&mut local, &unasked, most);
         self.are_sources_old |= lit > 0;
-        self.has_news |= !stale.is_empty();
+        self.has_news |= !unasked.is_empty();
         self.local = Some(local);
         counters.slots_lit += u64::from(lit);
         counters.rays += u64::from(spent);
@@ -216,6 +242,7 @@ impl LevelView {
         let goes_on = || self.local.as_ref().is_some_and(|local| !local.backend.is_settled());
         self.level == 0
             || self.is_urgent
+            || self.far_device.is_under_way()
             || tick.wrapping_add(u64::from(self.level)).is_multiple_of(COARSE_TURN_TICKS)
             || goes_on()
     }
@@ -238,14 +265,12 @@ impl LevelView {
         }
         self.is_urgent = false;
         self.tend_matrix(config, tick, counters)?;
+        let far_changed = self.gather_far(coarser);
+        self.are_sources_old |= far_changed;
+        self.has_news |= far_changed;
         let Some(local) = &mut self.local else { return Ok(false) };
-        if std::mem::take(&mut self.is_far_old) {
-            let coarser: Vec<_> = coarser.iter().map(|view| view.local.as_ref()).collect();
-            let changed = far_device::gather(&mut self.far_gatherer, local, &coarser)
-                .unwrap_or_else(|| far::gather(local, &coarser));
-            self.are_sources_old |= changed;
-            self.has_news |= changed;
-        }
+        self.are_sources_old |=
+            relight::stand_in(local, coarser.first().and_then(|view| view.local.as_ref()));
         if std::mem::take(&mut self.are_sources_old) {
             let set = relight::set_sources(local, rig)?;
             counters.limited_sources += set.limited;
@@ -263,6 +288,26 @@ impl LevelView {
         self.sends_news |= is_new;
         self.has_news |= is_new;
         Ok(self.sends_news)
+    }
+
+    /// Takes far light that has come, and gathers it where it is old, or has it gathered. Returns whether any is another.
+    fn gather_far(&mut self, coarser: &[Self]) -> bool {
+        let Some(local) = &mut self.local else { return false };
+        let taken = self.far_device.take(local);
+        let mut changed = taken == FarTaken::Light(true);
+        self.is_far_old |= taken == FarTaken::Lost;
+        if self.is_far_old {
+            let coarser: Vec<_> = coarser.iter().map(|view| view.local.as_ref()).collect();
+            if self.far_device.is_there() {
+                changed |= follow(local, &coarser);
+            }
+            let asked = self.far_device.ask(local, &coarser);
+            self.is_far_old = asked == FarAsked::Busy;
+            if asked == FarAsked::Refused {
+                changed |= far::gather(local, &coarser);
+            }
+        }
+        changed
     }
 
     /// Tells the backend how light is to be solved. One that refuses goes on as before, and is counted.
@@ -328,6 +373,7 @@ impl LevelView {
             }
         }
         self.plan = SwapPlan::default();
+        self.far_device.forget();
         self.outdate();
     }
 
@@ -349,7 +395,7 @@ impl LevelView {
     /// Whether some of its light waits for its turn.
     fn has_work(&self) -> bool {
         let needs_step = self.local.as_ref().is_some_and(|local| local.needs_step);
-        self.are_sources_old || self.is_far_old || needs_step
+        self.are_sources_old || self.is_far_old || self.far_device.is_under_way() || needs_step
     }
 
     /// How complete its light is; settled of itself.

@@ -15,7 +15,7 @@
 //! | ask for tiles, most urgent first | `schedule`, `priority` | `tiles_in_flight_max` |
 //! | which patches are nearest, and how many a camera at its speed is given | `priority`, `flow` | `resident_patches_max` |
 //! | remove, add, light the new ones | `turns`, `swaps`, `swap_price`, `local_set`, `slots`, `row_split` | `removals_per_tick_max`, `adds_per_tick_max` |
-//! | light what is out of date | `relight`, `direct`, `shadow_reach` | `shadow_points_per_tick_max` |
+//! | light what is out of date | `relight`, `direct`, `asked_light`, `shadow_reach` | `shadow_points_per_tick_max` |
 //! | far light, sources to the backends, step, read, the coarsest level first | `far`, `far_device`, `relight`, `level_view` | |
 //! | gather light in empty air | `air`, `air_light`, `air_device`, `receiver_columns` | `receiver_rows_per_tick_max` |
 //! | hold the tick against the promise | `coverage`, [`promise`] | |
@@ -37,6 +37,7 @@
 mod air;
 mod air_device;
 mod air_light;
+mod asked_light;
 mod budget;
 mod chunks;
 pub mod config;
@@ -48,6 +49,7 @@ pub mod error;
 pub mod event;
 mod far;
 mod far_device;
+mod far_follow;
 mod flow;
 pub mod frame;
 mod gatherer;

@@ -3,13 +3,15 @@
 //! It owns the [`Backend`]; light on the slots is in [`crate::relight`]. Rows come from the chunks of the patches,
 //! columns by reciprocity `F[i, new] = A_new F[new, i] / A_i`: rows on disk are reciprocal.
 
+use crate::asked_light::AskedLight;
 use crate::far::FarField;
+use crate::far_follow::Moved;
 use crate::relight::SlotLight;
 use crate::row_split::{Move, Mover, RowSplit};
 use crate::slots::{FREE, SlotTable, parts_of_row, segment_slots, split_row, visit_row};
 use crate::tile::Tile;
 use earthshine_radiosity::{Backend, BackendError, Slot, Update};
-use earthshine_world::{Chunk, ChunkId, ChunkRows, Patch, PatchId, Rgb, RowParts, Vec3};
+use earthshine_world::{Chunk, ChunkId, ChunkRows, Patch, PatchId, Rgb, RowParts, Vec3, Vec4};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -26,6 +28,10 @@ pub(crate) struct Resident {
     absorbed_share: f32,
     /// Of the far part: what coarser views bring.
     pub(crate) fed_share: f32,
+    /// Whether far light was gathered for it.
+    pub(crate) is_far_known: bool,
+    /// What its far light has changed by since somebody else was asked for it; nothing if nobody was.
+    pub(crate) far_moved: Option<Vec4>,
     pub(crate) light: SlotLight,
 }
 
@@ -34,7 +40,18 @@ impl Resident {
     pub(crate) fn take_far(&mut self, irradiance: Rgb, fed_share: f32) -> bool {
         let is_new = (irradiance, fed_share) != (self.light.far_irradiance, self.fed_share);
         (self.light.far_irradiance, self.fed_share) = (irradiance, fed_share);
+        self.is_far_known = true;
         is_new
+    }
+
+    /// Part of the row has become far, or near: `change` is what that brings, lx, and how much of the row brings it. Returns
+    /// whether that is anything to who knows its far light.
+    pub(crate) fn shift_far(&mut self, change: Vec4) -> bool {
+        if let Some(moved) = &mut self.far_moved {
+            *moved += change;
+        }
+        let far = (self.light.far_irradiance.extend(self.fed_share) + change).max(Vec4::ZERO);
+        self.is_far_known && self.take_far(far.truncate(), far.w)
     }
 
     /// How its row splits now.
@@ -57,9 +74,13 @@ pub(crate) struct LocalSet {
     refused: BTreeSet<PatchId>,
     /// Where far light comes from; nothing on the top level.
     pub(crate) far: Option<FarField>,
+    /// Who came and went since far light was brought up to date, where it is fed.
+    pub(crate) moved: Vec<Moved>,
     /// Slots in the order of frames; rebuilt when patches have come or gone.
     order: Vec<u32>,
     is_order_old: bool,
+    /// Direct light that is on its way.
+    pub(crate) asked: AskedLight,
     /// Room for what the backend tells.
     pub(crate) news: Vec<(Slot, Rgb)>,
     /// Whether the backend's matrix or sources changed after its last step.
@@ -101,8 +122,10 @@ impl LocalSet {
             tables: BTreeMap::new(),
             refused: BTreeSet::new(),
             far: is_fed.then(FarField::default),
+            moved: Vec::new(),
             order: Vec::new(),
             is_order_old: false,
+            asked: AskedLight::default(),
             news: Vec::new(),
             needs_step: false,
             swaps_since_probe: 0,
@@ -268,6 +291,7 @@ impl LocalSet {
             }
         }
         self.residents.fill_with(|| None);
+        self.moved.clear();
         self.free = (0..self.capacity()).collect();
         self.is_order_old = true;
         self.needs_step = true;
@@ -335,6 +359,9 @@ impl LocalSet {
             SlotTable::new(Arc::clone(chunk), Arc::clone(&tile.lineage), far.unwrap_or_default())
         });
         table.take(local, slot);
+        if self.far.is_some() {
+            self.moved.push(Moved { id, chunk: Arc::clone(chunk), way: Move::In });
+        }
         let patch = chunk.patches[local];
         let sky_shares = chunk.rows.sky_shares[local];
         let RowParts { sky: sky_share, absorbed: absorbed_share, .. } =
@@ -347,6 +374,8 @@ impl LocalSet {
             sky_share,
             absorbed_share,
             fed_share: 0.0,
+            is_far_known: false,
+            far_moved: None,
             light: SlotLight::default(),
         });
         self.is_order_old = true;
@@ -359,6 +388,9 @@ impl LocalSet {
         let chunk = Arc::clone(&table.chunk);
         let local = usize::from(resident.id.local);
         table.free(local);
+        if self.far.is_some() {
+            self.moved.push(Moved { id: resident.id, chunk: Arc::clone(&chunk), way: Move::Out });
+        }
         if table.is_empty() {
             if let Some(far) = &mut self.far {
                 far.release(&table.far_segments);

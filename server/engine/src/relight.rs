@@ -4,11 +4,14 @@
 //! `direct exitance = reflectance * direct irradiance + emission * scale`; what comes from outside the resident set
 //! is `sky.irradiance(sky shares)` and the far light that [`crate::far`] has gathered; a gap is never given to the sky.
 
+use crate::asked_light::{AskedPatch, Question};
 use crate::direct::ShadowCasters;
 use crate::local_set::LocalSet;
 use crate::shadow_reach::{ShadowReach, light_count};
+use earthshine_light::told_apart;
 use earthshine_radiosity::{BackendError, Slot};
-use earthshine_world::{Light, LightRig, Patch, Rgb};
+use earthshine_world::{Light, LightRig, Patch, PatchId, Rgb, SamplePoint};
+use std::collections::BTreeMap;
 
 /// Sources beyond this are limited, lm/m2: all bounces of them still fit an `f32`. The sun's face has 6e9.
 const SOURCE_MAX: f32 = 1e24;
@@ -34,7 +37,10 @@ pub(crate) struct SlotLight {
     on_points: Box<[Rgb]>,
     /// What it was computed from; nothing before the first time.
     lit: Option<Stamp>,
+    /// The tick that it was computed in, or asked for.
     lit_tick: u64,
+    /// When somebody else was last asked for it, and what that will rest on; nothing once it has come.
+    asked: Option<(u64, Stamp)>,
     /// Direct exitance and outside irradiance that the backend holds.
     sources: Option<(Rgb, Rgb)>,
     /// The part of the outside irradiance that comes straight from the sky, lx.
@@ -54,6 +60,23 @@ impl SlotLight {
     /// Direct irradiance: the mean, and on each sample point where that differs between them; nothing else.
     pub(crate) fn on_points(&self) -> Option<(Rgb, &[Rgb])> {
         (!self.on_points.is_empty()).then_some((self.direct_irradiance, &*self.on_points))
+    }
+
+    /// Direct irradiance, and which lights it is of.
+    #[cfg(test)]
+    pub(crate) fn direct(&self) -> (Rgb, Option<u64>) {
+        (self.direct_irradiance, self.lit.map(|lit| lit.lights))
+    }
+
+    /// What it rests on, or will once it has come, and since when: the newest there is.
+    fn newest(&self) -> (Option<Stamp>, u64) {
+        self.asked.map_or((self.lit, self.lit_tick), |(tick, stamp)| (Some(stamp), tick))
+    }
+
+    /// Takes what was computed or asked for in `tick`.
+    fn light_up(&mut self, (mean, on_points): (Rgb, Box<[Rgb]>), lit: Stamp, tick: u64) {
+        (self.direct_irradiance, self.on_points) = (mean, on_points);
+        (self.lit, self.lit_tick) = (Some(lit), tick);
     }
 
     /// What leaves `patch`, emitted and reflected, as far as the backend has said, lm/m2.
@@ -104,24 +127,27 @@ impl<'a> Relight<'a> {
         u32::try_from(lights).unwrap_or(u32::MAX).saturating_mul(patch.point_count)
     }
 
-    /// Holds all direct light against the casters that came and went since: what none of them can have changed is up to date.
+    /// Holds all direct light, on its way too, against the casters that came and went since: what none of them can have changed
+    /// is up to date.
     pub(crate) fn note_casters(&self, local: &mut LocalSet) {
         if self.lights.is_empty() {
             return;
         }
-        let mut reach: Option<(u64, ShadowReach<'_>)> = None;
+        let mut reaches: BTreeMap<u64, ShadowReach<'_>> = BTreeMap::new();
         for resident in local.residents.iter_mut().flatten() {
-            let Some(lit) = &mut resident.light.lit else { continue };
-            let is_known = [self.stamp.casters, Stamp::TOUCHED].contains(&lit.casters);
-            if lit.lights != self.stamp.lights || is_known {
-                continue;
+            let light = &mut resident.light;
+            for stamp in light.lit.iter_mut().chain(light.asked.as_mut().map(|(_, stamp)| stamp)) {
+                let is_known = [self.stamp.casters, Stamp::TOUCHED].contains(&stamp.casters);
+                if stamp.lights != self.stamp.lights || is_known {
+                    continue;
+                }
+                let since = stamp.casters;
+                let reach = reaches
+                    .entry(since)
+                    .or_insert_with(|| ShadowReach::of(self.casters, since, self.lights, self.voxel_edge_m));
+                let is_touched = reach.touches(resident.patch.centroid);
+                stamp.casters = if is_touched { Stamp::TOUCHED } else { self.stamp.casters };
             }
-            let since = lit.casters;
-            if reach.as_ref().is_none_or(|&(of, _)| of != since) {
-                reach = Some((since, ShadowReach::of(self.casters, since, self.lights, self.voxel_edge_m)));
-            }
-            let is_touched = reach.as_ref().is_some_and(|(_, reach)| reach.touches(resident.patch.centroid));
-            lit.casters = if is_touched { Stamp::TOUCHED } else { self.stamp.casters };
         }
     }
 
@@ -140,47 +166,129 @@ impl<'a> Relight<'a> {
         u32::try_from(count).expect("slots are u32")
     }
 
-    /// The same slots, most urgent first: never lit or lit by other lights, then shadowed by other casters; among
-    /// equals the one whose turn was longest ago.
-    pub(crate) fn stale_slots(&self, local: &LocalSet) -> Vec<u32> {
-        let mut stale: Vec<_> = local
-            .iter()
-            .filter(|(_, resident)| resident.light.lit != Some(self.stamp))
-            .map(|(slot, resident)| {
-                let light = &resident.light;
-                let has_lights = light.lit.is_some_and(|lit| lit.lights == self.stamp.lights);
-                (has_lights, light.lit_tick, slot)
-            })
-            .collect();
-        stale.sort_unstable();
-        stale.into_iter().map(|(_, _, slot)| slot).collect()
+    /// Whether any of them is not on its way.
+    pub(crate) fn has_unasked(&self, local: &LocalSet) -> bool {
+        local.iter().any(|(_, resident)| resident.light.newest().0 != Some(self.stamp))
     }
 
-    /// Lights `slots` in turn until `most` is spent, one at least. Returns slots lit and what was spent.
+    /// Those that are not on their way, most urgent first: never lit or lit by other lights, then shadowed by other casters;
+    /// among equals the one whose turn was longest ago.
+    pub(crate) fn unasked_slots(&self, local: &LocalSet) -> Vec<u32> {
+        let turn = |(slot, light): (u32, &SlotLight)| {
+            let (stamp, tick) = light.newest();
+            let has_lights = stamp.is_some_and(|stamp| stamp.lights == self.stamp.lights);
+            (stamp != Some(self.stamp)).then_some((has_lights, tick, slot))
+        };
+        let lights = local.iter().map(|(slot, resident)| (slot, &resident.light));
+        let mut unasked: Vec<_> = lights.filter_map(turn).collect();
+        unasked.sort_unstable();
+        unasked.into_iter().map(|(_, _, slot)| slot).collect()
+    }
+
+    /// Lights `slots` in turn until `most` is spent, one at least, or asks somebody else to. Returns slots lit by now and what was
+    /// spent.
     pub(crate) fn light(&self, local: &mut LocalSet, slots: &[u32], most: u32) -> (u32, u32) {
-        let (mut lit, mut spent) = (0u32, 0u32);
+        if slots.is_empty() || (local.asked.is_full() && !self.lights.is_empty()) {
+            return (0, 0);
+        }
+        let (mut taken, mut spent) = (0usize, 0u32);
         for &slot in slots {
             let cost = self.cost(&local.resident(slot).patch);
-            if lit > 0 && spent.saturating_add(cost) > most {
+            if taken > 0 && spent.saturating_add(cost) > most {
                 break;
             }
-            lit += 1;
+            taken += 1;
             spent = spent.saturating_add(cost);
         }
-        let slots = &slots[..lit as usize];
-        let residents = slots.iter().map(|&slot| local.resident(slot));
-        let patches: Vec<_> =
-            residents.map(|of| (&of.patch, local.chunk_of(of.id).points_of(&of.patch))).collect();
-        let irradiances = self.casters.irradiance(self.lights, &patches);
-        for (&slot, (direct_irradiance, on_points)) in slots.iter().zip(irradiances) {
-            let light = &mut local.resident_mut(slot).light;
-            light.direct_irradiance = direct_irradiance;
-            light.on_points = if self.has_detail { on_points } else { Box::default() };
-            light.lit = Some(self.stamp);
-            light.lit_tick = self.tick;
+        let slots = &slots[..taken];
+        let patches: Vec<_> = slots.iter().map(|&slot| points_of(local, slot)).collect();
+        if let Some(light) = self.casters.ask(self.lights, &patches) {
+            let asked = slots.iter().zip(&patches).map(|(&slot, (_, points))| {
+                let id = local.resident(slot).id;
+                AskedPatch { slot, id, point_count: points.len() }
+            });
+            let question = Question { stamp: self.stamp, tick: self.tick, patches: asked.collect() };
+            for &slot in slots {
+                local.resident_mut(slot).light.asked = Some((self.tick, self.stamp));
+            }
+            local.asked.push(question, light);
+            return (0, spent);
         }
-        (lit, spent)
+        let irradiances = self.casters.irradiance(self.lights, &patches);
+        for (&slot, (mean, on_points)) in slots.iter().zip(irradiances) {
+            let light = &mut local.resident_mut(slot).light;
+            light.light_up((mean, self.kept(on_points)), self.stamp, self.tick);
+            light.asked = None;
+        }
+        (slots.len() as u32, spent)
     }
+
+    /// Gives the light that has come to the patches that it was asked for, if they still hold their slots and have no newer one.
+    /// What is lost can be asked for again.
+    pub(crate) fn take_asked(&self, local: &mut LocalSet) -> Arrived {
+        let mut arrived = Arrived::default();
+        while let Some((question, light)) = local.asked.take_answered() {
+            let mut first = 0;
+            for AskedPatch { slot, id, point_count } in question.patches {
+                let own = first..first + point_count;
+                first = own.end;
+                let resident = local.residents[slot as usize].as_mut().filter(|resident| resident.id == id);
+                let Some(of) = resident.map(|resident| &mut resident.light) else { continue };
+                // What has not been asked for again since was held against all casters meanwhile.
+                let held = of.asked.take_if(|(tick, _)| *tick == question.tick);
+                let Some(light) = light.as_ref().filter(|_| question.tick >= of.lit_tick) else { continue };
+                let on_points = &light[own];
+                let mean = on_points.iter().sum::<Rgb>() / point_count.max(1) as f32;
+                arrived.is_other_light |= of.lit.is_none_or(|lit| lit.lights != question.stamp.lights);
+                arrived.slots += 1;
+                let lit = held.map_or(question.stamp, |(_, stamp)| stamp);
+                of.light_up((mean, self.kept(told_apart(on_points))), lit, question.tick);
+            }
+        }
+        arrived
+    }
+
+    /// Light on single points, where there is detail to read it.
+    fn kept(&self, on_points: Box<[Rgb]>) -> Box<[Rgb]> {
+        if self.has_detail { on_points } else { Box::default() }
+    }
+}
+
+/// What came of the light that somebody else was asked for.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Arrived {
+    /// Slots that have it now.
+    pub(crate) slots: u32,
+    /// Whether it is of other lights than what any of them had.
+    pub(crate) is_other_light: bool,
+}
+
+fn points_of(local: &LocalSet, slot: u32) -> (&Patch, &[SamplePoint]) {
+    let resident = local.resident(slot);
+    (&resident.patch, local.chunk_of(resident.id).points_of(&resident.patch))
+}
+
+/// Has newcomers whose direct light is on its way lit as the coarse patch that stood for them until then: what leaves them would
+/// be missing for some ticks in the light of all that see them. Returns whether there are any.
+pub(crate) fn stand_in(local: &mut LocalSet, coarser: Option<&LocalSet>) -> bool {
+    if local.asked.len() == 0 {
+        return false;
+    }
+    let parent_of = |id: PatchId| {
+        let table = local.slots_of(id.chunk)?;
+        let parent = *table.lineage.of(id.chunk)?.get(usize::from(id.local))?;
+        let above = coarser?;
+        let slot = above.slot_of(PatchId { chunk: id.chunk.parent(), local: parent })?;
+        Some(above.resident(slot).light.direct_irradiance)
+    };
+    let is_unlit = |of: &SlotLight| of.lit.is_none() && of.direct_irradiance == Rgb::ZERO;
+    let unlit = local.iter().filter(|(_, resident)| is_unlit(&resident.light));
+    let lit = unlit.filter_map(|(slot, resident)| Some((slot, parent_of(resident.id)?)));
+    let lit: Vec<(u32, Rgb)> = lit.filter(|&(_, irradiance)| irradiance != Rgb::ZERO).collect();
+    for &(slot, irradiance) in &lit {
+        local.resident_mut(slot).light.direct_irradiance = irradiance;
+    }
+    !lit.is_empty()
 }
 
 /// What [`set_sources`] found.

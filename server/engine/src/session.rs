@@ -6,8 +6,8 @@ use crate::air::{AirSet, RowsSpent};
 use crate::chunks::ChunkTable;
 use crate::config::EngineConfig;
 use crate::far::{FarSenders, exitances_of};
+use crate::far_device::FarDevice;
 use crate::frame::LevelLight;
-use crate::gatherer::Gatherer;
 use crate::level_view::{LevelView, Lighting, WantedChunk};
 use crate::levels::LevelPlan;
 use crate::local_set::LocalSet;
@@ -76,7 +76,7 @@ impl Session {
     pub(crate) fn gather_by(&mut self, make: &mut ReceiverLightFactory) {
         self.air.gather_by(make());
         let fed = self.views.len().saturating_sub(1);
-        self.views[..fed].iter_mut().for_each(|view| view.far_gatherer = Gatherer::new(make()));
+        self.views[..fed].iter_mut().for_each(|view| view.far_device = FarDevice::new(make()));
     }
 
     /// Takes a valid camera. Returns whether that changes what is wanted.

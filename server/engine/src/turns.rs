@@ -65,12 +65,14 @@ impl Engine {
 
     /// Lights what is out of date, each view for its share of `budget`.
     pub(crate) fn refresh_direct(&mut self, mut budget: Budget) {
-        let chunks = &self.chunks;
+        let (chunks, tick) = (&self.chunks, self.counters.ticks);
         for session in self.sessions.values_mut() {
-            session.views.iter_mut().for_each(|view| view.note_casters(chunks, &session.lighting));
+            for view in &mut session.views {
+                view.note_casters(chunks, &session.lighting);
+                view.take_direct(chunks, &session.lighting, tick, &mut self.counters);
+            }
         }
-        let waiting = self.views_where(|session, view| view.stale_count(chunks, &session.lighting) > 0);
-        let tick = self.counters.ticks;
+        let waiting = self.views_where(|session, view| view.has_unasked(chunks, &session.lighting));
         for ((id, level), weight) in with_weights(&waiting) {
             let session = self.sessions.get_mut(&id).expect("waiting sessions are open");
             let view = &mut session.views[usize::from(level)];

@@ -3,13 +3,16 @@
 use crate::memory;
 use wgpu::{Adapter, Backends, DeviceType, DownlevelFlags, Features, Instance, InstanceDescriptor, Limits};
 
-/// Which adapter to take.
+/// Which adapter to take, and what of it.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct AdapterChoice {
     /// Part of its name, upper or lower case alike; any if empty. A software adapter that is named is taken.
     pub name: String,
     /// Whether an adapter that computes on the CPU will do: for tests of shaders, never for use.
     pub allow_software: bool,
+    /// Kernels do without subgroups, even where the adapter has some that they could use: to find out what these save, or
+    /// where a driver's are at fault.
+    pub without_subgroups: bool,
 }
 
 /// Why there is no device.
@@ -196,7 +199,11 @@ mod tests {
     /// with those there are. Method: whatever adapters there are.
     #[test]
     fn a_software_adapter_is_used_only_when_asked() {
-        let wanted = AdapterChoice { name: "an adapter that nobody has".to_owned(), allow_software: true };
+        let wanted = AdapterChoice {
+            name: "an adapter that nobody has".to_owned(),
+            allow_software: true,
+            ..AdapterChoice::default()
+        };
         let refused = GpuDevice::open(&wanted).map(drop);
         let Some(software) = list().into_iter().find(|adapter| adapter.is_software) else {
             assert!(matches!(refused, Err(GpuError::NoAdapter | GpuError::NotFound { .. })), "{refused:?}");
@@ -207,7 +214,11 @@ mod tests {
         let Err(GpuError::NotFound { found, .. }) = refused else { panic!("{refused:?}") };
         assert!(found.contains(&software.name), "{found}");
         let open = |name: &str, allow_software| {
-            GpuDevice::open(&AdapterChoice { name: name.to_owned(), allow_software })
+            GpuDevice::open(&AdapterChoice {
+                name: name.to_owned(),
+                allow_software,
+                ..AdapterChoice::default()
+            })
         };
         if list().iter().all(|adapter| adapter.is_software) {
             let refused = open("", false).map(drop);

@@ -206,10 +206,7 @@ impl Backend for GpuBackend {
             return Ok(StepStats { lit_columns: self.lit_columns, recomputed });
         }
         self.news.make_room(self.matrix.device())?;
-        if !self.news.is_coming() {
-            // The times of a frame are read where nobody waits for them.
-            self.matrix.end_frame()?;
-        }
+        self.matrix.end_frame()?;
         self.matrix.begin_frame()?;
         let lit: Vec<bool> = (0..slots).map(|slot| self.is_lit(slot)).collect();
         let wanted: Vec<bool> = (0..slots).map(is_wanted).collect();

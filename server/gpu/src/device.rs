@@ -8,8 +8,8 @@ use crate::subgroups;
 use crate::timing::{PassTime, PassTotal};
 use earthshine_radiosity::BackendError;
 use earthshine_shaders::subgroups::NUMBER_LANES;
-use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use wgpu::{
     Buffer, BufferDescriptor, BufferUsages, Device, DeviceDescriptor, ErrorFilter, ExperimentalFeatures,
     Features, MemoryHints, PollType, Queue, SubmissionIndex, Trace,
@@ -47,19 +47,10 @@ struct Inner {
     subgroup_lanes: Option<u32>,
     pass_totals: Mutex<BTreeMap<&'static str, PassTotal>>,
     news_totals: Mutex<NewsTotals>,
-}
-
-/// How much of an adapter is used.
-#[derive(Debug, Clone, Copy)]
-struct Limited {
-    binding_bytes_max: u64,
-    has_subgroups: bool,
-}
-
-impl Default for Limited {
-    fn default() -> Self {
-        Self { binding_bytes_max: u64::MAX, has_subgroups: true }
-    }
+    /// Bytes that the columns of rows take, of all who gather.
+    row_bytes: Mutex<u64>,
+    /// Work that was said to be left to the CPU.
+    said: Mutex<BTreeSet<&'static str>>,
 }
 
 /// Of every buffer: no struct of the shaders is larger.
@@ -79,15 +70,7 @@ impl GpuDevice {
     /// # Errors
     /// [`GpuError`].
     pub fn open_within(choice: &AdapterChoice, binding_bytes_max: u64) -> Result<Self, GpuError> {
-        Ok(Self::open_storing(choice, Limited { binding_bytes_max, ..Limited::default() }, None)?.0)
-    }
-
-    /// As [`Self::open`], with kernels that do without subgroups even where there are some: to test and to measure these.
-    ///
-    /// # Errors
-    /// [`GpuError`].
-    pub fn open_without_subgroups(choice: &AdapterChoice) -> Result<Self, GpuError> {
-        Ok(Self::open_storing(choice, Limited { has_subgroups: false, ..Limited::default() }, None)?.0)
+        Ok(Self::open_storing(choice, binding_bytes_max, None)?.0)
     }
 
     /// As [`Self::open`], given the kernels that an earlier open compiled, whole as it gave them, or no bytes. Those of
@@ -96,17 +79,17 @@ impl GpuDevice {
     /// # Errors
     /// [`GpuError`].
     pub fn open_cached(choice: &AdapterChoice, stored: &[u8]) -> Result<(Self, CachedPipelines), GpuError> {
-        Self::open_storing(choice, Limited::default(), Some(stored))
+        Self::open_storing(choice, u64::MAX, Some(stored))
     }
 
     fn open_storing(
         choice: &AdapterChoice,
-        within: Limited,
+        binding_bytes_max: u64,
         stored: Option<&[u8]>,
     ) -> Result<(Self, CachedPipelines), GpuError> {
         let adapter = choose(&instance(), choice)?;
         let info = adapter.get_info();
-        let lanes = subgroups::lanes_of(&info, adapter.features()).filter(|_| within.has_subgroups);
+        let lanes = subgroups::lanes_of(&info, adapter.features()).filter(|_| !choice.without_subgroups);
         let name = info.name;
         let has_timestamps = adapter.features().contains(Features::TIMESTAMP_QUERY);
         let caching = if stored.is_some() { Features::PIPELINE_CACHE } else { Features::empty() };
@@ -138,11 +121,13 @@ impl GpuDevice {
                 queue: queue.clone(),
                 pipelines,
                 loss: Arc::clone(&loss),
-                binding_bytes_max: limit.min(within.binding_bytes_max),
+                binding_bytes_max: limit.min(binding_bytes_max),
                 has_timestamps,
                 subgroup_lanes,
                 pass_totals: Mutex::default(),
                 news_totals: Mutex::default(),
+                row_bytes: Mutex::default(),
+                said: Mutex::default(),
             };
             Self { inner: Arc::new(inner) }
         };
@@ -225,6 +210,17 @@ impl GpuDevice {
         totals.bytes += more.bytes;
         totals.late_frames += more.late_frames;
         totals.waits += more.waits;
+    }
+
+    /// Says in the log that `work` is left to the CPU, once however many on this device leave it.
+    pub fn warn_once(&self, work: &'static str, error: &dyn std::fmt::Display) {
+        if self.inner.said.lock().unwrap_or_else(PoisonError::into_inner).insert(work) {
+            tracing::warn!(adapter = self.name(), %error, "{work} is left to the CPU");
+        }
+    }
+
+    pub(crate) fn row_bytes(&self) -> MutexGuard<'_, u64> {
+        self.inner.row_bytes.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     pub(crate) fn wgpu(&self) -> &Device {

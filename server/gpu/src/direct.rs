@@ -1,4 +1,5 @@
 //! Direct light on a device: every lamp at every point of many patches, with shadow rays through the resident chunks' trees.
+//! It is handed over and fetched when it has come.
 //!
 //! Chunks' trees go to the device when they become resident and stay there; what changes with every chunk is the small tree
 //! over them. Room is handed out from the front of two lists; when one is full, what is still resident is put into new ones
@@ -7,11 +8,11 @@
 use crate::arena::Arena;
 use crate::device::GpuDevice;
 use crate::rays::{STORAGE, TreesError, check_depth, placement_words, triangle_words, uploaded};
-use crate::readback::read_now;
+use crate::readback::{Arrival, Staging};
 use crate::recorder::{Recorder, folded, uniform_buffer};
 use crate::timing::{PassTime, Timing};
 use earthshine_light::tree_layout::{NodeWords, Placement};
-use earthshine_light::{DirectLight, OccluderSet, Occluders, PatchPoints};
+use earthshine_light::{DirectLight, LightLook, LightUnderWay, OccluderSet, Occluders, PatchPoints};
 use earthshine_radiosity::BackendError;
 use earthshine_shaders::host::{Lamp, LightPoint, Pass, PointSpan, TreePlacement, TreeTriangle};
 use earthshine_shaders::kernel::{LIGHT_POINTS, SUM_LAMPS};
@@ -20,12 +21,14 @@ use earthshine_world::{Light, Rgb};
 use glam::{DAffine3, Vec4};
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use wgpu::{Buffer, BufferUsages};
+use wgpu::{Buffer, BufferUsages, SubmissionIndex};
 
 /// Most points times lamps of one dispatch: 64 MiB of what arrives. More are lit in several.
 const DISPATCH_RAYS_MAX: usize = 1 << 22;
 /// Triangles that there is room for at first.
 const TRIANGLES_MIN: u64 = 1 << 14;
+/// After a failure so many questions are left to the CPU before another attempt.
+const LEFT_TO_CPU: u32 = 64;
 
 /// Where a chunk's trees are; held so that its address stays its own.
 #[derive(Debug)]
@@ -51,8 +54,59 @@ pub struct GpuDirect {
     uniforms: Buffer,
     timing: Option<Timing>,
     rays_min: usize,
-    /// Whether it has failed: once said is enough.
-    has_failed: bool,
+    left_to_cpu: u32,
+}
+
+/// Light on its way from a device to the host.
+#[derive(Debug)]
+pub struct GpuLight {
+    device: GpuDevice,
+    /// One a dispatch: where its light is copied to, and how much of that.
+    copies: Vec<(Staging, u64)>,
+    submission: Option<SubmissionIndex>,
+    /// Points without a light.
+    dark: usize,
+    is_given: bool,
+}
+
+impl GpuLight {
+    /// Waits for it.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`], also if it was given before.
+    pub fn wait(mut self) -> Result<Vec<Rgb>, BackendError> {
+        if let Some(submission) = self.submission.take() {
+            self.device.wait(submission)?;
+        }
+        match self.look() {
+            LightLook::Done(on_points) => Ok(on_points),
+            LightLook::UnderWay | LightLook::Lost => Err(self.device.lose("light could not be read")),
+        }
+    }
+
+    fn read(&self) -> Result<Vec<Rgb>, BackendError> {
+        let mut on_points = vec![Rgb::ZERO; self.dark];
+        for (staging, bytes) in &self.copies {
+            staging.take(&self.device, *bytes, |view| {
+                let read: Vec<Vec4> = bytemuck::pod_collect_to_vec(view);
+                on_points.extend(read.into_iter().map(Vec4::truncate));
+            })?;
+        }
+        Ok(on_points)
+    }
+}
+
+impl LightUnderWay for GpuLight {
+    fn look(&mut self) -> LightLook {
+        if self.is_given || self.device.poll().is_err() {
+            return LightLook::Lost;
+        }
+        if self.copies.iter().any(|(staging, _)| staging.arrival() == Arrival::Coming) {
+            return LightLook::UnderWay;
+        }
+        self.is_given = true;
+        self.read().map_or(LightLook::Lost, LightLook::Done)
+    }
 }
 
 impl GpuDirect {
@@ -72,7 +126,7 @@ impl GpuDirect {
             timing: None,
             device: device.clone(),
             rays_min,
-            has_failed: false,
+            left_to_cpu: 0,
         })
     }
 
@@ -93,7 +147,7 @@ impl GpuDirect {
         self.timing.as_mut().map_or(Ok(Vec::new()), |timing| timing.take(&self.device))
     }
 
-    /// The light on each of all points of `patches`, in order, through `occluders`; waits for the device.
+    /// Hands the light on all points of `patches` over, in order, through `occluders`; see [`DirectLight::begin`].
     ///
     /// # Errors
     /// [`TreesError`].
@@ -102,20 +156,26 @@ impl GpuDirect {
         occluders: &OccluderSet,
         lights: &[Light],
         patches: &[PatchPoints<'_>],
-    ) -> Result<Vec<Rgb>, TreesError> {
+    ) -> Result<GpuLight, TreesError> {
         self.bring(occluders)?;
-        let (mut on_points, mut first) = (Vec::new(), 0);
+        let device = self.device.clone();
+        let mut light = GpuLight { device, copies: Vec::new(), submission: None, dark: 0, is_given: false };
+        if lights.is_empty() {
+            light.dark = patches.iter().map(|patch| patch.points.len()).sum();
+            return Ok(light);
+        }
+        let mut first = 0;
         while first < patches.len() {
             let mut rays = 0;
             let fits = |patch: &&PatchPoints<'_>| {
-                rays += patch.points.len().max(1) * lights.len().max(1);
+                rays += patch.points.len().max(1) * lights.len();
                 rays <= DISPATCH_RAYS_MAX
             };
             let count = patches[first..].iter().take_while(fits).count().max(1);
-            on_points.extend(self.dispatch(lights, &patches[first..first + count])?);
+            self.dispatch(lights, &patches[first..first + count], &mut light)?;
             first += count;
         }
-        Ok(on_points)
+        Ok(light)
     }
 
     /// Puts on the device what `occluders` has and it has not.
@@ -180,7 +240,12 @@ impl GpuDirect {
         Ok(())
     }
 
-    fn dispatch(&mut self, lights: &[Light], patches: &[PatchPoints<'_>]) -> Result<Vec<Rgb>, TreesError> {
+    fn dispatch(
+        &mut self,
+        lights: &[Light],
+        patches: &[PatchPoints<'_>],
+        light: &mut GpuLight,
+    ) -> Result<(), TreesError> {
         let (mut points, mut spans) = (Vec::new(), Vec::new());
         for (of_patch, patch) in (0u32..).zip(patches) {
             spans
@@ -192,8 +257,8 @@ impl GpuDirect {
                 of_patch,
             }));
         }
-        if points.is_empty() || lights.is_empty() {
-            return Ok(vec![Rgb::ZERO; points.len()]);
+        if points.is_empty() {
+            return Ok(());
         }
         let lamps: Vec<Lamp> = lights.iter().map(lamp_words).collect();
         let shift = |patch: &PatchPoints<'_>, index: usize| match lamps[index].cap_height > 0.0 {
@@ -225,29 +290,36 @@ impl GpuDirect {
         recorder.dispatch(&LIGHT_POINTS, &bound, pass, folded((rays as u32).div_ceil(RAY_LANES)));
         let groups = (points.len() as u32).div_ceil(RAY_LANES);
         recorder.dispatch(&SUM_LAMPS, &[&arriving, &on_points], pass, folded(groups));
-        recorder.submit()?;
-        let read = read_now(device, &on_points, 16 * points.len() as u64, |_| {})?;
-        let read: Vec<Vec4> = bytemuck::pod_collect_to_vec(&read);
-        Ok(read.into_iter().map(|light| light.truncate()).collect())
+        let bytes = 16 * points.len() as u64;
+        let staging = Staging::new(device, bytes)?;
+        recorder.encoder().copy_buffer_to_buffer(&on_points, 0, staging.buffer(), 0, bytes);
+        light.submission = Some(recorder.submit()?);
+        staging.map(bytes);
+        light.copies.push((staging, bytes));
+        Ok(())
     }
 }
 
 impl DirectLight for GpuDirect {
-    fn on_points(
+    fn begin(
         &mut self,
         occluders: &OccluderSet,
         lights: &[Light],
         patches: &[PatchPoints<'_>],
-    ) -> Option<Vec<Rgb>> {
+    ) -> Option<Box<dyn LightUnderWay>> {
         let rays: usize = patches.iter().map(|patch| patch.points.len() * lights.len()).sum();
-        if rays < self.rays_min || self.has_failed || self.device.is_lost() {
+        if rays < self.rays_min || self.device.is_lost() {
+            return None;
+        }
+        if self.left_to_cpu > 0 {
+            self.left_to_cpu -= 1;
             return None;
         }
         match self.light(occluders, lights, patches) {
-            Ok(on_points) => Some(on_points),
+            Ok(light) => Some(Box::new(light)),
             Err(error) => {
-                tracing::warn!(%error, "direct light is computed on the CPU");
-                self.has_failed = true;
+                self.device.warn_once("direct light", &error);
+                self.left_to_cpu = LEFT_TO_CPU;
                 None
             }
         }

@@ -45,6 +45,7 @@ mod readback;
 mod receiver_tests;
 pub mod receivers;
 mod recorder;
+mod row_room;
 pub mod rows;
 mod subgroups;
 mod timing;

@@ -140,11 +140,14 @@ impl Readback {
         self.next = 1 - self.next;
     }
 
-    /// Whether the newest copy is here, so that nobody waits for it. Looks without waiting.
-    pub(crate) fn is_here(&self, device: &GpuDevice) -> bool {
-        let Some((at, _)) = &self.pending else { return false };
-        // What a device has to say of its end is said by whoever fetches.
-        device.poll().is_ok() && self.staging[*at].arrival() == Arrival::Here
+    /// Whether [`Self::fetch`] has nothing to wait for. Looks without waiting.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`].
+    pub(crate) fn has_come(&self, device: &GpuDevice) -> Result<bool, BackendError> {
+        device.poll()?;
+        let coming = |&(at, _): &(usize, SubmissionIndex)| self.staging[at].arrival() == Arrival::Coming;
+        Ok(!self.pending.as_ref().is_some_and(coming))
     }
 
     /// Hands the newest copy to `read` if it was not fetched yet; waits for it if it is still on its way.

@@ -223,6 +223,27 @@ fn rows_without_room_are_refused_until_they_fit() {
     check(&mut gpu, &Question::new(&chunks[2..], Residency::All));
 }
 
+/// Goal: all who gather on a device share its room, and who leaves makes room. Method: room for three chunks' rows, two
+/// gatherers with two each.
+#[test]
+fn gatherers_share_the_room_of_a_device() {
+    let Some(device) = device_or_skip() else { return };
+    let chunks: Vec<Arc<Chunk>> = (0..4).map(|number| chunk(number, &[100; 10])).collect();
+    let room = 3 * 8 * 1000;
+    let [mut first, mut second] = [(); 2].map(|()| GpuReceivers::with_room(&device, room).expect("a small buffer"));
+    let [one, two, others] = [&chunks[..1], &chunks[..2], &chunks[2..]].map(|of| Question::new(of, Residency::Mixed(0)));
+    check(&mut first, &two);
+    assert!(*device.row_bytes() <= room);
+    let refused = others.asked(|gather| second.gather(gather));
+    assert!(matches!(refused, Err(ReceiversError::TooLarge { bytes: 16_000, most }) if most < 16_000), "{refused:?}");
+    drop(first);
+    assert_eq!(*device.row_bytes(), 0);
+    check(&mut second, &others);
+    check(&mut second, &one);
+    drop(second);
+    assert_eq!(*device.row_bytes(), 0);
+}
+
 /// Goal: a table or sources above a binding are refused, not cut.
 #[test]
 fn tables_above_a_binding_are_refused() {

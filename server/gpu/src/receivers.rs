@@ -11,7 +11,8 @@ use crate::mirror::Mirror;
 use crate::rays::STORAGE;
 use crate::readback::Readback;
 use crate::recorder::{Recorder, folded, uniform_buffer};
-use crate::timing::{Sampling, Timing};
+use crate::row_room::RowRoom;
+use crate::timing::{PassTime, Sampling, Timing};
 use earthshine_radiosity::BackendError;
 use earthshine_radiosity::receivers::{
     Gathering, ReceiverGather, ReceiverLight, ReceiverRow, ReceiverSums, RowsOf,
@@ -27,7 +28,7 @@ use wgpu::Buffer;
 
 /// Most receivers of one gather: 3 MiB of sums.
 pub const ROWS_MAX: usize = 1 << 16;
-/// Most memory for the columns of rows, bytes.
+/// Most memory for the columns of rows, of all who gather on a device together, bytes.
 pub const COLUMN_BYTES_MAX: u64 = 256 << 20;
 /// Columns that there is room for at first.
 const COLUMNS_MIN: u64 = 1 << 16;
@@ -35,8 +36,6 @@ const COLUMNS_MIN: u64 = 1 << 16;
 const ROWS_MIN: u64 = 1 << 10;
 /// Rows that a workgroup gathers.
 const ROWS_A_GROUP: u32 = 8;
-/// Looks at a gather after which it is waited for.
-const LOOKS_MAX: u32 = 4;
 
 /// Why receivers cannot be gathered on a device.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -80,13 +79,6 @@ struct Resident {
     first_row: u32,
 }
 
-/// A gather that was handed over.
-#[derive(Debug, Clone, Copy)]
-struct UnderWay {
-    rows: usize,
-    looks: u32,
-}
-
 /// Where the sums of a gather go.
 #[derive(Debug)]
 struct Room {
@@ -103,6 +95,7 @@ pub struct GpuReceivers {
     residents: BTreeMap<usize, Resident>,
     rows: Arena,
     columns: Arena,
+    column_room: RowRoom,
     asked: Mirror<ReceiverAsked>,
     spans: Mirror<SegmentSpan>,
     source_of: Mirror<u32>,
@@ -112,11 +105,10 @@ pub struct GpuReceivers {
     rows_of: Option<RowsOf>,
     room: Room,
     uniforms: Buffer,
-    under_way: Option<UnderWay>,
+    /// Rows of the gather that was handed over.
+    under_way: Option<usize>,
     timing: Option<Timing>,
     sampling: Sampling,
-    /// Whether a failure was said: once is enough.
-    is_said: bool,
 }
 
 impl GpuReceivers {
@@ -128,16 +120,17 @@ impl GpuReceivers {
         Self::with_room(device, COLUMN_BYTES_MAX)
     }
 
-    /// As [`Self::new`], with no more than `column_bytes_max` bytes for the columns of rows.
+    /// As [`Self::new`], with no more than `column_bytes_max` bytes for the columns of all rows on the device.
     ///
     /// # Errors
     /// [`ReceiversError`].
     pub fn with_room(device: &GpuDevice, column_bytes_max: u64) -> Result<Self, ReceiversError> {
         Ok(Self {
-            column_bytes_max: column_bytes_max.min(device.binding_bytes_max()),
+            column_bytes_max,
             residents: BTreeMap::new(),
             rows: Arena::new(device, "receivers", size_of::<ReceiverSpan>(), ROWS_MIN)?,
             columns: Arena::new(device, "receiver columns", size_of::<ReceiverColumn>(), 0)?,
+            column_room: RowRoom::new(device),
             asked: Mirror::new(device, "asked receivers")?,
             spans: Mirror::new(device, "segments")?,
             source_of: Mirror::new(device, "column sources")?,
@@ -149,7 +142,6 @@ impl GpuReceivers {
             under_way: None,
             timing: None,
             sampling: Sampling::default(),
-            is_said: false,
             device: device.clone(),
         })
     }
@@ -168,7 +160,7 @@ impl GpuReceivers {
         if rows > 0 {
             self.dispatch(gather)?;
         }
-        self.under_way = Some(UnderWay { rows, looks: 0 });
+        self.under_way = Some(rows);
         Ok(())
     }
 
@@ -246,16 +238,19 @@ impl GpuReceivers {
             (rows.row_count() as u64, rows.columns.len() as u64)
         };
         let (rows, columns) = named.values().map(of).fold((0, 0), |sum, one| (sum.0 + one.0, sum.1 + one.1));
-        let room = |count: u64, stride: usize, most: u64, least: u64| {
-            let (stride, most) = (stride as u64, most / stride as u64);
-            if count > most {
-                return Err(ReceiversError::TooLarge { bytes: stride * count, most: stride * most });
-            }
-            Ok((2 * count).max(least).min(most))
-        };
+        let binding = self.device.binding_bytes_max();
+        let too_large = |bytes: u64| move |most: u64| ReceiversError::TooLarge { bytes, most };
         let strides = (size_of::<ReceiverSpan>(), size_of::<ReceiverColumn>());
-        let rows = room(rows, strides.0, self.device.binding_bytes_max(), ROWS_MIN)?;
-        let columns = room(columns, strides.1, self.column_bytes_max, COLUMNS_MIN)?;
+        let [row_bytes, column_bytes] = [rows * strides.0 as u64, columns * strides.1 as u64];
+        if row_bytes.max(column_bytes) > binding {
+            return Err(too_large(row_bytes.max(column_bytes))(binding));
+        }
+        let wanted = (2 * column_bytes).max(COLUMNS_MIN * strides.1 as u64).min(binding);
+        // The old ones are given up before the new ones are taken.
+        self.columns = Arena::new(&self.device, "receiver columns", strides.1, 0)?;
+        let given = self.column_room.take(wanted, column_bytes, self.column_bytes_max);
+        let columns = given.map_err(too_large(column_bytes))? / strides.1 as u64;
+        let rows = (2 * rows).max(ROWS_MIN).min(binding / strides.0 as u64);
         self.rows = Arena::new(&self.device, "receivers", strides.0, rows)?;
         self.columns = Arena::new(&self.device, "receiver columns", strides.1, columns)?;
         Ok(())
@@ -287,27 +282,58 @@ impl GpuReceivers {
     /// # Errors
     /// [`ReceiversError::Device`]; nothing is under way then.
     pub fn fetch(&mut self) -> Result<Gathering, ReceiversError> {
-        let Some(UnderWay { rows, looks }) = self.under_way.take() else { return Ok(Gathering::Idle) };
-        if rows == 0 {
-            return Ok(Gathering::Done(Vec::new()));
-        }
-        if looks < LOOKS_MAX && !self.device.is_lost() && !self.room.readback.is_here(&self.device) {
-            self.under_way = Some(UnderWay { rows, looks: looks + 1 });
+        let Some(rows) = self.under_way.take() else { return Ok(Gathering::Idle) };
+        if rows > 0 && !self.room.readback.has_come(&self.device)? {
+            self.under_way = Some(rows);
             return Ok(Gathering::UnderWay);
         }
-        let mut sums = Vec::new();
-        self.room.readback.fetch(&self.device, |bytes| {
-            let bytes = &bytes[..rows * size_of::<GatheredLight>()];
-            sums = bytemuck::pod_collect_to_vec::<u8, GatheredLight>(bytes).iter().map(sums_of).collect();
-        })?;
-        self.sampling.end(&self.device, &mut self.timing)?;
-        Ok(Gathering::Done(sums))
+        self.read(rows).map(Gathering::Done)
     }
 
-    fn say(&mut self, error: &ReceiversError) {
-        if !std::mem::replace(&mut self.is_said, true) {
-            tracing::warn!(%error, "light of receivers, or far light, is gathered on the CPU");
+    /// The sums of the last gather, waited for; none if nothing is under way.
+    ///
+    /// # Errors
+    /// [`ReceiversError::Device`]; nothing is under way then.
+    pub fn wait(&mut self) -> Result<Vec<ReceiverSums>, ReceiversError> {
+        let rows = self.under_way.take().unwrap_or(0);
+        self.read(rows)
+    }
+
+    fn read(&mut self, rows: usize) -> Result<Vec<ReceiverSums>, ReceiversError> {
+        let mut sums = Vec::new();
+        if rows > 0 {
+            self.room.readback.fetch(&self.device, |bytes| {
+                let bytes = &bytes[..rows * size_of::<GatheredLight>()];
+                sums = bytemuck::pod_collect_to_vec::<u8, GatheredLight>(bytes).iter().map(sums_of).collect();
+            })?;
+            self.sampling.end(&self.device, &mut self.timing)?;
         }
+        Ok(sums)
+    }
+
+    /// Times every pass from now on; false where the device cannot.
+    ///
+    /// # Errors
+    /// [`ReceiversError`].
+    pub fn time_passes(&mut self) -> Result<bool, ReceiversError> {
+        self.timing = Timing::new(&self.device)?;
+        Ok(self.timing.is_some())
+    }
+
+    /// The passes since the last call. Waits for the device.
+    ///
+    /// # Errors
+    /// [`ReceiversError::Device`].
+    pub fn take_times(&mut self) -> Result<Vec<PassTime>, ReceiversError> {
+        Ok(self.timing.as_mut().map_or(Ok(Vec::new()), |timing| timing.take(&self.device))?)
+    }
+
+    fn say(&self, error: &ReceiversError) {
+        let work = match self.rows_of {
+            Some(RowsOf::Patches) => "far light",
+            _ => "light of receivers",
+        };
+        self.device.warn_once(work, error);
     }
 }
 

@@ -1,7 +1,7 @@
 //! How long each pass took on the device, where it can tell.
 
 use crate::device::GpuDevice;
-use crate::readback::read_now;
+use crate::readback::{Arrival, Staging, read_now};
 use crate::work::Work;
 use earthshine_radiosity::BackendError;
 use wgpu::{
@@ -32,7 +32,7 @@ pub struct PassTotal {
     pub flops: f64,
 }
 
-/// A frame in so many is timed while a device works: reading the times waits for it.
+/// A frame in so many is timed while a device works: timestamps are not free.
 const FRAMES_A_SAMPLE: u32 = 64;
 
 /// Times the passes of a frame now and then, for whoever watches the device.
@@ -40,6 +40,8 @@ const FRAMES_A_SAMPLE: u32 = 64;
 pub(crate) struct Sampling {
     frames: u32,
     is_on: bool,
+    /// Times on their way to the host.
+    coming: Option<Coming>,
 }
 
 impl Sampling {
@@ -53,6 +55,9 @@ impl Sampling {
         timing: &mut Option<Timing>,
     ) -> Result<(), BackendError> {
         self.frames = self.frames.wrapping_add(1);
+        if let Some(coming) = self.coming.take_if(|coming| coming.staging.arrival() != Arrival::Coming) {
+            device.note_passes(&coming.take(device)?);
+        }
         if timing.is_none() && self.frames % FRAMES_A_SAMPLE == 1 {
             *timing = Timing::new(device)?;
             self.is_on = timing.is_some();
@@ -60,7 +65,7 @@ impl Sampling {
         Ok(())
     }
 
-    /// The light of the frame is here: its times are added to the device's.
+    /// The frame is on the device: its times are sent for, and added to the device's in a later one. Nobody waits for them.
     ///
     /// # Errors
     /// [`BackendError::OutOfMemory`], [`BackendError::DeviceLost`].
@@ -70,9 +75,9 @@ impl Sampling {
         timing: &mut Option<Timing>,
     ) -> Result<(), BackendError> {
         if std::mem::take(&mut self.is_on)
-            && let Some(mut timing) = timing.take()
+            && let Some(timing) = timing.take()
         {
-            device.note_passes(&timing.take(device)?);
+            self.coming = timing.send(device)?;
         }
         Ok(())
     }
@@ -133,22 +138,64 @@ impl Timing {
     /// # Errors
     /// [`BackendError::DeviceLost`].
     pub(crate) fn take(&mut self, device: &GpuDevice) -> Result<Vec<PassTime>, BackendError> {
-        if self.passes.is_empty() {
+        let bytes = self.bytes();
+        if bytes == 0 {
             return Ok(Vec::new());
         }
+        let read = read_now(device, &self.resolved, bytes, |encoder| self.resolve(encoder))?;
+        Ok(self.passes_of(&read))
+    }
+
+    /// Sends for the times of all passes; nothing if there are none.
+    fn send(self, device: &GpuDevice) -> Result<Option<Coming>, BackendError> {
+        let bytes = self.bytes();
+        if bytes == 0 {
+            return Ok(None);
+        }
+        let staging = Staging::new(device, bytes)?;
+        let mut encoder = device.wgpu().create_command_encoder(&Default::default());
+        self.resolve(&mut encoder);
+        encoder.copy_buffer_to_buffer(&self.resolved, 0, staging.buffer(), 0, bytes);
+        device.queue().submit([encoder.finish()]);
+        staging.map(bytes);
+        Ok(Some(Coming { timing: self, staging }))
+    }
+
+    fn bytes(&self) -> u64 {
+        16 * self.passes.len() as u64
+    }
+
+    fn resolve(&self, encoder: &mut CommandEncoder) {
         let count = 2 * self.passes.len() as u32;
-        let resolve = |encoder: &mut CommandEncoder| {
-            encoder.resolve_query_set(&self.queries, 0..count, &self.resolved, 0);
-        };
-        let bytes = read_now(device, &self.resolved, 8 * u64::from(count), resolve)?;
-        let ticks: Vec<u64> = bytemuck::pod_collect_to_vec(&bytes);
+        encoder.resolve_query_set(&self.queries, 0..count, &self.resolved, 0);
+    }
+
+    /// All passes, of which the device has said `times`.
+    fn passes_of(&mut self, times: &[u8]) -> Vec<PassTime> {
+        let ticks: Vec<u64> = bytemuck::pod_collect_to_vec(times);
         let times = self.passes.drain(..).zip(ticks.chunks_exact(2));
-        Ok(times
+        times
             .map(|((name, work), ticks)| PassTime {
                 name,
                 work,
                 ms: ticks[1].saturating_sub(ticks[0]) as f64 * self.period_ns / 1e6,
             })
-            .collect())
+            .collect()
+    }
+}
+
+/// Times on their way to the host.
+#[derive(Debug)]
+struct Coming {
+    timing: Timing,
+    staging: Staging,
+}
+
+impl Coming {
+    /// They have arrived.
+    fn take(mut self, device: &GpuDevice) -> Result<Vec<PassTime>, BackendError> {
+        let (bytes, mut read) = (self.timing.bytes(), Vec::new());
+        self.staging.take(device, bytes, |view| read.extend_from_slice(view))?;
+        Ok(self.timing.passes_of(&read))
     }
 }

@@ -4,7 +4,9 @@
 use earthshine_gen::{GenOptions, WorldKind};
 use earthshine_gpu::direct::GpuDirect;
 use earthshine_gpu::{AdapterChoice, GpuDevice};
-use earthshine_light::{DirectLight, OccluderSet, Occluders, PatchPoints, direct_irradiance};
+use earthshine_light::{
+    DirectLight, LightLook, LightUnderWay, OccluderSet, Occluders, PatchPoints, direct_irradiance,
+};
 use earthshine_scene::{ImportOptions, Scene, load_bytes};
 use earthshine_world::random::{Purpose, hash, unit_pair};
 use earthshine_world::{ChunkCoord, ChunkId, Light, OccluderMesh, Rgb, SamplePoint, Vec3};
@@ -90,6 +92,24 @@ fn asked(points: &[Vec<SamplePoint>]) -> Vec<PatchPoints<'_>> {
     (0..).zip(points).map(|(seed, points)| PatchPoints { points, epsilon_m: EPSILON_M, seed }).collect()
 }
 
+fn lit(direct: &mut GpuDirect, set: &OccluderSet, lights: &[Light], patches: &[PatchPoints<'_>]) -> Vec<Rgb> {
+    let light = direct.light(set, lights, patches).expect("a device that works");
+    light.wait().expect("a device that works")
+}
+
+/// Looks until it has come.
+fn looked_for(mut light: Box<dyn LightUnderWay>) -> LightLook {
+    loop {
+        match light.look() {
+            LightLook::UnderWay => std::thread::yield_now(),
+            found => {
+                assert_eq!(light.look(), LightLook::Lost, "light is given once");
+                return found;
+            }
+        }
+    }
+}
+
 /// The share of patches whose light is another by more than rounding, and by how much all of it is, as a share.
 fn compare(
     direct: &mut GpuDirect,
@@ -98,7 +118,7 @@ fn compare(
     points: &[Vec<SamplePoint>],
 ) -> (f64, f64) {
     let patches = asked(points);
-    let found = direct.light(set, lights, &patches).expect("a device that works");
+    let found = lit(direct, set, lights, &patches);
     assert_eq!(found.len(), points.iter().map(Vec::len).sum::<usize>());
     let (mut elsewhere, mut off, mut all) = (0u32, 0.0, 0.0);
     let mut rest = &found[..];
@@ -152,8 +172,31 @@ fn any_number_of_patches_is_lit() {
     for count in [0, 1, 63, 64, 65, 200] {
         let (elsewhere, off) = compare(&mut direct, &set, &lights(0.0), &patches(&scene, count));
         assert!(elsewhere * count as f64 <= 1.0 && off < 2e-2, "{count} patches: {elsewhere}, {off}");
-        let dark = direct.light(&set, &[], &asked(&patches(&scene, count))).expect("a device that works");
+        let dark = lit(&mut direct, &set, &[], &asked(&patches(&scene, count)));
         assert!(dark.iter().all(|light| *light == Rgb::ZERO));
+    }
+}
+
+/// Goal: questions that are under way together are answered each by its own light, of the casters that were there when it was
+/// asked. Method: four questions under other lights while a chunk comes or goes between any two.
+#[test]
+fn light_under_way_is_of_the_casters_it_was_asked_for() {
+    let Some(device) = device_or_skip() else { return };
+    let (scene, points) = (town(), patches(&town(), 150));
+    let chunks = chunks(&scene, 4);
+    let mut direct = GpuDirect::new(&device, 0).expect("room");
+    let mut set = OccluderSet::new();
+    let (mut under_way, mut expected) = (Vec::new(), Vec::new());
+    for step in 0..4 {
+        set.insert(id(step), Arc::clone(&chunks[step as usize]));
+        set.remove(id(step - 2));
+        let lights = &lights(0.0)[step as usize..];
+        let alone = lit(&mut GpuDirect::new(&device, 0).expect("room"), &set, lights, &asked(&points));
+        under_way.push(direct.begin(&set, lights, &asked(&points)).expect("a device that works"));
+        expected.push(alone);
+    }
+    for (light, expected) in under_way.into_iter().zip(expected) {
+        assert_eq!(looked_for(light), LightLook::Done(expected), "the same bits");
     }
 }
 
@@ -163,9 +206,13 @@ fn few_patches_and_a_lost_device_are_left_to_the_cpu() {
     let (scene, set) = (town(), OccluderSet::new());
     let points = patches(&scene, 8);
     let mut direct = GpuDirect::new(&device, 1000).expect("room");
-    assert_eq!(direct.on_points(&set, &lights(0.0), &asked(&points)), None, "too few");
+    assert!(direct.begin(&set, &lights(0.0), &asked(&points)).is_none(), "too few");
     let mut direct = GpuDirect::new(&device, 0).expect("room");
-    assert!(direct.on_points(&set, &lights(0.0), &asked(&points)).is_some());
+    let mut begin = || direct.begin(&set, &lights(0.0), &asked(&points));
+    let found = looked_for(begin().expect("a device that works"));
+    assert!(matches!(found, LightLook::Done(light) if !light.is_empty()));
+    let mut under_way = begin().expect("a device that works");
     device.destroy();
-    assert_eq!(direct.on_points(&set, &lights(0.0), &asked(&points)), None, "lost");
+    assert_eq!(under_way.look(), LightLook::Lost, "on its way");
+    assert!(begin().is_none(), "lost");
 }

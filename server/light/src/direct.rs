@@ -104,17 +104,36 @@ impl PatchPoints<'_> {
     }
 }
 
-/// Lights many patches at once, elsewhere than on the CPU.
+/// How light stands that somebody was asked for.
+#[derive(Debug, Clone, PartialEq)]
+pub enum LightLook {
+    /// It has not come yet.
+    UnderWay,
+    /// On each of all points of the patches asked for, in order.
+    Done(Vec<Rgb>),
+    /// It will not come, or it was given before.
+    Lost,
+}
+
+/// Light that somebody was asked for; who drops it wants it no more.
+pub trait LightUnderWay: Send + std::fmt::Debug {
+    /// How it stands. Never waits; light is given once.
+    fn look(&mut self) -> LightLook;
+}
+
+/// Lights many patches at once, elsewhere than on the CPU, without being waited for.
 pub trait DirectLight: Send + std::fmt::Debug {
-    /// The irradiance on each of all points of `patches`, in order, as [`direct_irradiance_on`] has it, to rounding; a shadow's
-    /// edge may pass a point on the other side. `None` where the CPU has to do it: too few to be worth the way, or no device
-    /// any more.
-    fn on_points(
+    /// Takes over the light of all points of `patches`, to be as [`direct_irradiance_on`] has it, to rounding; a shadow's edge
+    /// may pass a point on the other side. It is of `occluders` as they are now, whatever becomes of them. `None` where the CPU
+    /// has to do it: too few to be worth the way, or no device any more.
+    ///
+    /// What is asked for first comes first.
+    fn begin(
         &mut self,
         occluders: &OccluderSet,
         lights: &[Light],
         patches: &[PatchPoints<'_>],
-    ) -> Option<Vec<Rgb>>;
+    ) -> Option<Box<dyn LightUnderWay>>;
 }
 
 fn shadowed(

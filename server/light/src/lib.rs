@@ -25,7 +25,9 @@ pub mod ray_triangle;
 pub mod tree_layout;
 
 pub use arrival::{Arrival, arrival};
-pub use direct::{DirectLight, PatchPoints, direct_irradiance, direct_irradiance_on, told_apart};
+pub use direct::{
+    DirectLight, LightLook, LightUnderWay, PatchPoints, direct_irradiance, direct_irradiance_on, told_apart,
+};
 pub use near::{NEAR_SHARE_MIN, NearPatch, Viewer};
 pub use occluder_set::OccluderSet;
 pub use occluders::Occluders;

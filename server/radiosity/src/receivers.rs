@@ -114,22 +114,9 @@ pub trait ReceiverLight: Send + std::fmt::Debug {
     /// The sums are those of [`gather_receivers`], to rounding.
     fn begin(&mut self, gather: &ReceiverGather<'_>) -> bool;
 
-    /// How the last gather stands; sums are given once. A gather may be under way for a few calls, not for ever.
+    /// How the last gather stands; sums are given once. Never waits: a gather is under way until its sums are here or it is
+    /// lost.
     fn take(&mut self) -> Gathering;
-
-    /// Gathers and waits for the sums; none where the CPU has to do it.
-    fn gather_now(&mut self, gather: &ReceiverGather<'_>) -> Option<Vec<ReceiverSums>> {
-        if !self.begin(gather) {
-            return None;
-        }
-        loop {
-            match self.take() {
-                Gathering::UnderWay => {}
-                Gathering::Done(sums) => return Some(sums),
-                Gathering::Idle => return None,
-            }
-        }
-    }
 }
 
 /// All of it at once, in `f64`: what a [`ReceiverLight`] is held against.

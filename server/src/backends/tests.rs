@@ -199,6 +199,18 @@ fn without_an_adapter_gpu_is_refused_and_auto_computes_on_the_cpu() {
     }
 }
 
+/// Goal: who wants no subgroups gets kernels without.
+#[test]
+fn subgroups_are_used_unless_they_are_not_wanted() {
+    let Some(device) = device_or_skip(GpuDevice::open(&any())) else { return };
+    for gpu_subgroups in [true, false] {
+        let config = Config { gpu_subgroups, ..config(BackendKind::Gpu, device.name()) };
+        let opened = Backends::open(&config).expect("it was open before").device().get().expect("there is one");
+        let expected = device.subgroup_lanes().filter(|_| gpu_subgroups);
+        assert_eq!(opened.subgroup_lanes(), expected, "gpu_subgroups = {gpu_subgroups}");
+    }
+}
+
 /// Goal: a device whose limits are below the configured size gives as many slots as it may, and says so, or is refused
 /// where fewer are not wanted. Method: any adapter, bound to small buffers.
 #[test]

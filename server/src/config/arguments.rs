@@ -39,6 +39,9 @@ pub struct ServeArgs {
     /// Refuse an adapter with less room than is configured, instead of taking what fits
     #[arg(long = "strict", env = "EARTHSHINE_GPU_STRICT")]
     pub gpu_strict: bool,
+    /// Kernels do without the adapter's subgroups
+    #[arg(long = "without-subgroups", env = "EARTHSHINE_WITHOUT_SUBGROUPS")]
+    pub without_subgroups: bool,
     /// File that keeps compiled kernels from one start to the next
     #[arg(long, env = "EARTHSHINE_GPU_PIPELINE_CACHE", value_name = "FILE")]
     pub gpu_pipeline_cache: Option<PathBuf>,
@@ -92,6 +95,7 @@ impl ServeArgs {
         put(&mut config.engine.solver.audit_every_ticks, self.audit);
         put(&mut config.gpu_adapter, self.gpu_adapter);
         config.gpu_strict |= self.gpu_strict;
+        config.gpu_subgroups &= !self.without_subgroups;
         put(&mut config.gpu_pipeline_cache, self.gpu_pipeline_cache);
         put(&mut config.engine.sessions_max, self.sessions_max);
         put(&mut config.tick_rate_hz, self.tick_rate_hz);
@@ -167,6 +171,9 @@ mod tests {
         let config = arguments.resolve().unwrap();
         assert_eq!((config.engine.sessions_max, config.loader_threads, config.tile_queue), (7, 4, 5));
         assert_eq!(config.world, PathBuf::from("town"));
+        assert!(config.gpu_subgroups);
+        let without = ServeArgs { without_subgroups: true, ..ServeArgs::default() };
+        assert!(!without.resolve().unwrap().gpu_subgroups);
         assert_eq!(config.idle_timeout_s, Config::default().idle_timeout_s);
     }
 

@@ -90,7 +90,7 @@ struct Reopened {
 
 /// How long it takes to open the adapter of that name, ms; then without and with its compiled kernels, if it hands them out.
 fn opened(name: &str) -> Option<(f64, Option<Reopened>)> {
-    let choice = AdapterChoice { name: name.to_owned(), allow_software: true };
+    let choice = AdapterChoice { name: name.to_owned(), allow_software: true, ..AdapterChoice::default() };
     let timed = |stored: Option<&[u8]>| {
         let start = Instant::now();
         let pipelines = match stored {

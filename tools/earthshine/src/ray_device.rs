@@ -20,7 +20,7 @@ pub(crate) struct Adapter(GpuDevice);
 impl Adapter {
     /// The adapter that is named like `name`; without a name the best there is.
     pub(crate) fn open(name: &str) -> anyhow::Result<Self> {
-        let choice = AdapterChoice { name: name.to_owned(), allow_software: false };
+        let choice = AdapterChoice { name: name.to_owned(), ..AdapterChoice::default() };
         let device = GpuDevice::open(&choice)
             .context("--gpu needs a graphics adapter; without it rays are traced on the CPU")?;
         eprintln!("tracing rays on {}", device.name());

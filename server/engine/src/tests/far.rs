@@ -8,7 +8,7 @@ use earthshine_world::{ChunkCoord, Direction, LightRig, Rgb, Sky, Vec3, VoxelCoo
 use std::collections::BTreeMap;
 
 /// A row of plates along x, each facing its neighbours; those beyond x = 40 glow. Chunks are 4 m.
-fn corridor() -> RandomWorld {
+pub(super) fn corridor() -> RandomWorld {
     const LENGTH: i32 = 64;
     let plate = |x: i32| PatchDraft {
         voxel: VoxelCoord::new(x, 0, 0),

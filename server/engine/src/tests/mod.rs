@@ -1,6 +1,7 @@
 //! Tests of the engine as a whole: in-memory worlds, a backend that iterates, a seeded simulator.
 
 mod air;
+mod asked_light;
 mod backend;
 mod budgets;
 mod detail;

@@ -108,7 +108,7 @@ fn assert_lights(found: &[PatchLight], expected: &[PatchLight]) {
     }
 }
 
-fn assert_alike(found: &Frame, expected: &Frame) {
+pub(crate) fn assert_alike(found: &Frame, expected: &Frame) {
     assert_lights(&found.receivers, &expected.receivers);
     assert_lights(&found.details, &expected.details);
     assert_lights(&found.patches, &expected.patches);
@@ -218,4 +218,40 @@ fn sessions_gather_for_themselves_and_survive_their_backends() {
     here.settle();
     assert_alike(harness.frame(ALICE), here.frame(ALICE));
     assert!(!harness.frame(BOB).receivers.is_empty());
+}
+
+/// Goal: far light that is gathered elsewhere, late, is counted neither twice nor not at all while patches come and go. Method:
+/// a flight along the corridor, here and with gathers that take eight looks, tick by tick.
+#[test]
+fn late_far_light_follows_who_is_resident() {
+    let config = EngineConfig { load_radius_m: 9.0, coarse_patches_max: 32, ..generous(16) };
+    let start = |config| {
+        let world = super::far::corridor().with_levels(4);
+        let mut harness =
+            Harness::new(world, config, Faults::default()).with_camera(Vec3::new(0.0, 0.5, 0.5));
+        harness.light(ALICE, LightRig { sky: Sky::constant(Rgb::splat(2.0)), ..LightRig::emission_only() });
+        harness
+    };
+    let mut here = start(config.clone());
+    let (mut elsewhere, begun) = gathered_elsewhere(start(config), Manner { looks: 8, ..PROMPT });
+    here.settle();
+    elsewhere.settle();
+    let (mut worst, mut ticks) = (0.0f32, 0);
+    for tick in 0..200 {
+        for harness in [&mut here, &mut elsewhere] {
+            harness.look_from(ALICE, Vec3::new(tick as f32 * 0.25, 0.5, 0.5));
+            harness.tick();
+        }
+        let (found, expected) = (&elsewhere.frame(ALICE).patches, &here.frame(ALICE).patches);
+        for (found, expected) in found.iter().zip(expected.iter()) {
+            assert_eq!((found.voxel, found.direction), (expected.voxel, expected.direction));
+            let gap = (found.irradiance - expected.irradiance).abs().max_element();
+            worst = worst.max(gap / expected.irradiance.max_element());
+            let gap = (found.fed_share - found.far_share).abs();
+            assert!(gap < 1e-4, "tick {tick}: all that is far is fed, to the share: {found:?}");
+        }
+        ticks += 1;
+    }
+    assert!(ticks == 200 && begun.load(Ordering::Relaxed) > 20);
+    assert!(worst < 0.1, "{worst}");
 }

@@ -178,7 +178,7 @@ impl GpuMatrix {
         self.sampling.begin(&self.device, &mut self.timing)
     }
 
-    /// The light of the frame has been read.
+    /// The frame is on the device.
     ///
     /// # Errors
     /// [`BackendError::OutOfMemory`], [`BackendError::DeviceLost`].

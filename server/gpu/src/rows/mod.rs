@@ -391,10 +391,7 @@ impl RowLight for GpuRowLight {
 
     fn advance(&mut self, residents: &mut Residents, frame: Frame<'_>) -> Result<(), BackendError> {
         self.news.make_room(&self.device)?;
-        if !self.news.is_coming() {
-            // The times of a frame are read where nobody waits for them.
-            self.sampling.end(&self.device, &mut self.timing)?;
-        }
+        self.sampling.end(&self.device, &mut self.timing)?;
         self.sampling.begin(&self.device, &mut self.timing)?;
         self.flush_leaving()?;
         self.flush_coming()?;

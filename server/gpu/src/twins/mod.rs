@@ -52,7 +52,8 @@ fn hold(twins: &[Twin]) {
     hold_on(&device, twins);
     match device.subgroup_lanes() {
         Some(_) => {
-            let without = GpuDevice::open_without_subgroups(&any()).expect("there was one");
+            let choice = AdapterChoice { without_subgroups: true, ..any() };
+            let without = GpuDevice::open(&choice).expect("there was one");
             assert_eq!(without.subgroup_lanes(), None);
             hold_on(&without, twins);
         }

@@ -6,6 +6,7 @@
 
 use super::Report;
 use super::gpu_frame::{FrameArguments, FrameWork};
+use super::gpu_gather::{GatherArguments, GatherWork};
 use super::gpu_news::{self, NewsArguments, NewsFigures};
 use super::gpu_rays::{self, RayArguments};
 use super::gpu_step::{self, StepArguments};
@@ -49,6 +50,8 @@ pub(crate) struct GpuBenchArguments {
     #[command(flatten)]
     frame: FrameArguments,
     #[command(flatten)]
+    gather: GatherArguments,
+    #[command(flatten)]
     news: NewsArguments,
     /// Rounds of which the quickest counts.
     #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..))]
@@ -78,8 +81,8 @@ struct Figures {
     /// A copy in the device's memory: bytes read and written in a second.
     copy_gb_s: f64,
     product_share_of_copy: f64,
-    /// Direct light of all lit patches, a block out, a block in, tables rebuilt, new sources, the product, its light on the
-    /// host.
+    /// Direct light of all lit patches and a gather of receivers handed over, a block out, a block in, tables rebuilt, new
+    /// sources, the product; until all of that light is on the host.
     frame_ms: f64,
     /// Of that, direct light: points times lights, shadow rays, its light on the host.
     direct_ms: f64,
@@ -87,6 +90,16 @@ struct Figures {
     cpu_direct_ms: f64,
     /// What direct light is off the CPU's, as a share of all of it.
     direct_error_rel: f64,
+    /// How many frames later than its own a frame's direct light comes, where nobody waits for it.
+    direct_late_frames: f64,
+    /// Of a frame, the gather of receivers: what leaves patches uploaded, sums on the host.
+    gather_ms: f64,
+    /// The same on one core of the CPU, in `f64`.
+    cpu_gather_ms: f64,
+    /// The largest difference between the two, as a share of the brightest.
+    gather_error_rel: f64,
+    /// How many frames later than its own a gather's sums come, where nobody waits for them.
+    gather_late_frames: f64,
     alias_gitems_s: f64,
     has_timestamps: bool,
     /// Lanes of a subgroup, where kernels use them.
@@ -136,20 +149,27 @@ impl Pass {
 /// Runs the suite.
 pub(crate) fn run(arguments: &GpuBenchArguments, json: bool) -> anyhow::Result<()> {
     let started = Instant::now();
-    let choice = AdapterChoice { name: arguments.adapter.clone(), allow_software: false };
-    let open = if arguments.without_subgroups { GpuDevice::open_without_subgroups } else { GpuDevice::open };
-    let device = open(&choice).context("no device to measure; `earthshine gpu` lists adapters")?;
+    let choice = AdapterChoice {
+        name: arguments.adapter.clone(),
+        allow_software: false,
+        without_subgroups: arguments.without_subgroups,
+    };
+    let device = GpuDevice::open(&choice).context("no device to measure; `earthshine gpu` lists adapters")?;
     let open_ms = started.elapsed().as_secs_f64() * 1e3;
     let mut bench = Bench::new(&device, arguments)?;
     let irradiance_error_rel = bench.error_against_cpu()?;
     let town = arguments.rays.town(arguments.seed)?;
     let mut frame = FrameWork::new(&device, &arguments.frame, &town, arguments.items, arguments.seed)?;
-    let direct = frame.measure(arguments.rounds)?;
-    let (mut frame_ms, mut frame_passes) = (f64::INFINITY, frame.take_times()?);
+    let mut gather = GatherWork::new(&device, &arguments.gather, arguments.seed)?;
+    let (direct, gathered) = (frame.measure(arguments.rounds)?, gather.measure(arguments.rounds)?);
+    let (mut frame_ms, mut frame_passes) = (f64::INFINITY, [frame.take_times()?, gather.take_times()?].concat());
     for _ in 0..arguments.rounds {
-        frame_ms = frame_ms.min(bench.quickest(1, |bench| bench.frame(&mut frame))?);
-        frame_passes.extend(frame.take_times()?);
+        frame_ms = frame_ms.min(bench.quickest(1, |bench| bench.frame(&mut frame, &mut gather))?);
+        frame_passes.extend([frame.take_times()?, gather.take_times()?].concat());
     }
+    let (frames, period) = (arguments.news.news_frames, arguments.news.period());
+    let direct_late_frames = frame.late_frames(frames, period)?;
+    let gather_late_frames = gather.late_frames(frames, period)?;
     let block_patch_us = bench.quickest(arguments.rounds, Bench::swap)? * 1e3 / (2 * BLOCK) as f64;
     let slots = bench.streamed.taken();
     let news = gpu_news::measure(&device, &mut bench.backend, &slots, &arguments.news)?;
@@ -179,6 +199,11 @@ pub(crate) fn run(arguments: &GpuBenchArguments, json: bool) -> anyhow::Result<(
         direct_ms: direct.direct_ms,
         cpu_direct_ms: direct.cpu_direct_ms,
         direct_error_rel: direct.direct_error_rel,
+        direct_late_frames,
+        gather_ms: gathered.gather_ms,
+        cpu_gather_ms: gathered.cpu_gather_ms,
+        gather_error_rel: gathered.gather_error_rel,
+        gather_late_frames,
         alias_gitems_s,
         has_timestamps: bench.has_timestamps,
         subgroup_lanes: device.subgroup_lanes(),
@@ -304,20 +329,22 @@ impl Bench {
         Ok(start.elapsed().as_secs_f64() * 1e3)
     }
 
-    /// ms.
-    fn frame(&mut self, work: &mut FrameWork) -> anyhow::Result<f64> {
+    /// As in the engine: what is handed over first is on its way while the matrix is updated. ms.
+    fn frame(&mut self, work: &mut FrameWork, gather: &mut GatherWork) -> anyhow::Result<f64> {
         let updates = self.swapped();
         let slots = self.streamed.taken();
         let mut irradiance = vec![Rgb::ZERO; slots.len()];
         let start = Instant::now();
-        let direct = work.run()?;
+        let direct = work.begin()?;
+        gather.begin()?;
         for updates in &updates {
             self.backend.apply(updates)?;
         }
-        let light: Vec<Rgb> = slots.iter().zip(direct.iter().cycle()).map(|(_, light)| *light).collect();
-        self.backend.set_sources(&slots, &light, &light)?;
+        self.relight(&slots)?;
         self.backend.step()?;
         self.backend.read_irradiance(&slots, &mut irradiance)?;
+        direct.wait()?;
+        gather.wait()?;
         Ok(start.elapsed().as_secs_f64() * 1e3)
     }
 }

@@ -5,15 +5,18 @@
 
 use clap::Args;
 use earthshine_gpu::alias::AliasBuilder;
-use earthshine_gpu::direct::GpuDirect;
+use earthshine_gpu::direct::{GpuDirect, GpuLight};
 use earthshine_gpu::{GpuDevice, PassTime};
-use earthshine_light::{OccluderSet, Occluders, PatchPoints, direct_irradiance};
+use earthshine_light::{
+    LightLook, LightUnderWay as _, OccluderSet, Occluders, PatchPoints, direct_irradiance,
+};
 use earthshine_scene::Scene;
 use earthshine_world::random::{Purpose, hash, unit_f32, unit_pair};
 use earthshine_world::{ChunkCoord, ChunkId, Light, OccluderMesh, Rgb, SamplePoint, Vec3};
 use rayon::prelude::*;
+use std::collections::VecDeque;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// What is lit in a frame.
 #[derive(Args)]
@@ -78,11 +81,28 @@ impl FrameWork {
         Ok(Self { direct, tables, casters: casters(scene), lights, points, has_timestamps })
     }
 
-    /// Direct light of all patches' points, and the tables.
-    pub(super) fn run(&mut self) -> anyhow::Result<Vec<Rgb>> {
+    /// Hands over direct light of all patches' points, and the tables.
+    pub(super) fn begin(&mut self) -> anyhow::Result<GpuLight> {
         self.tables.build()?;
-        let asked = asked(&self.points);
-        Ok(self.direct.light(&self.casters, &self.lights, &asked)?)
+        Ok(self.direct.light(&self.casters, &self.lights, &asked(&self.points))?)
+    }
+
+    /// How many frames later than its own a frame's direct light comes, on average, at `period` a frame, every frame's asked for.
+    pub(super) fn late_frames(&mut self, frames: u32, period: Duration) -> anyhow::Result<f64> {
+        let (mut under_way, mut late) = (VecDeque::new(), 0);
+        for frame in 0..frames {
+            let start = Instant::now();
+            under_way.push_back((frame, self.begin()?));
+            while let Some((asked, light)) = under_way.front_mut()
+                && light.look() != LightLook::UnderWay
+            {
+                late += frame - *asked;
+                under_way.pop_front();
+            }
+            std::thread::sleep(period.saturating_sub(start.elapsed()));
+        }
+        late += under_way.iter().map(|(asked, _)| frames - asked).sum::<u32>();
+        Ok(f64::from(late) / f64::from(frames))
     }
 
     /// The passes since the last call.
@@ -103,7 +123,7 @@ impl FrameWork {
         let (mut direct_ms, mut found) = (f64::INFINITY, Vec::new());
         for _ in 0..rounds {
             let start = Instant::now();
-            found = self.direct.light(&self.casters, &self.lights, &asked)?;
+            found = self.direct.light(&self.casters, &self.lights, &asked)?.wait()?;
             direct_ms = direct_ms.min(start.elapsed().as_secs_f64() * 1e3);
         }
         let mean = |of: &[Rgb]| of.iter().sum::<Rgb>() / points as f32;

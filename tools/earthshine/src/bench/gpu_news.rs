@@ -15,10 +15,16 @@ use std::time::{Duration, Instant};
 pub(super) struct NewsArguments {
     /// Frames of each way.
     #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..))]
-    news_frames: u32,
+    pub(super) news_frames: u32,
     /// Frames a second.
     #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..))]
     news_rate_hz: u32,
+}
+
+impl NewsArguments {
+    pub(super) fn period(&self) -> Duration {
+        Duration::from_secs(1) / self.news_rate_hz
+    }
 }
 
 /// Means over those frames.
@@ -85,7 +91,7 @@ fn host_ms(
     backend: &mut GpuBackend,
     mut take: impl FnMut(&mut GpuBackend) -> Result<(), earthshine_radiosity::BackendError>,
 ) -> anyhow::Result<f64> {
-    let period = Duration::from_secs(1) / arguments.news_rate_hz;
+    let period = arguments.period();
     let mut spent = Duration::ZERO;
     for frame in frames {
         let lamps = [slots[frame % slots.len()], slots[(frame + 1) % slots.len()]];

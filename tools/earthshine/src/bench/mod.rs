@@ -12,6 +12,7 @@ mod far;
 mod flight;
 mod gpu;
 mod gpu_frame;
+mod gpu_gather;
 mod gpu_news;
 mod gpu_rays;
 mod gpu_step;
