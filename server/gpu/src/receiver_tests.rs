@@ -230,12 +230,17 @@ fn gatherers_share_the_room_of_a_device() {
     let Some(device) = device_or_skip() else { return };
     let chunks: Vec<Arc<Chunk>> = (0..4).map(|number| chunk(number, &[100; 10])).collect();
     let room = 3 * 8 * 1000;
-    let [mut first, mut second] = [(); 2].map(|()| GpuReceivers::with_room(&device, room).expect("a small buffer"));
-    let [one, two, others] = [&chunks[..1], &chunks[..2], &chunks[2..]].map(|of| Question::new(of, Residency::Mixed(0)));
+    let [mut first, mut second] =
+        [(); 2].map(|()| GpuReceivers::with_room(&device, room).expect("a small buffer"));
+    let [one, two, others] =
+        [&chunks[..1], &chunks[..2], &chunks[2..]].map(|of| Question::new(of, Residency::Mixed(0)));
     check(&mut first, &two);
     assert!(*device.row_bytes() <= room);
     let refused = others.asked(|gather| second.gather(gather));
-    assert!(matches!(refused, Err(ReceiversError::TooLarge { bytes: 16_000, most }) if most < 16_000), "{refused:?}");
+    assert!(
+        matches!(refused, Err(ReceiversError::TooLarge { bytes: 16_000, most }) if most < 16_000),
+        "{refused:?}"
+    );
     drop(first);
     assert_eq!(*device.row_bytes(), 0);
     check(&mut second, &others);

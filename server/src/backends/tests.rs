@@ -205,7 +205,8 @@ fn subgroups_are_used_unless_they_are_not_wanted() {
     let Some(device) = device_or_skip(GpuDevice::open(&any())) else { return };
     for gpu_subgroups in [true, false] {
         let config = Config { gpu_subgroups, ..config(BackendKind::Gpu, device.name()) };
-        let opened = Backends::open(&config).expect("it was open before").device().get().expect("there is one");
+        let opened =
+            Backends::open(&config).expect("it was open before").device().get().expect("there is one");
         let expected = device.subgroup_lanes().filter(|_| gpu_subgroups);
         assert_eq!(opened.subgroup_lanes(), expected, "gpu_subgroups = {gpu_subgroups}");
     }

@@ -162,7 +162,8 @@ pub(crate) fn run(arguments: &GpuBenchArguments, json: bool) -> anyhow::Result<(
     let mut frame = FrameWork::new(&device, &arguments.frame, &town, arguments.items, arguments.seed)?;
     let mut gather = GatherWork::new(&device, &arguments.gather, arguments.seed)?;
     let (direct, gathered) = (frame.measure(arguments.rounds)?, gather.measure(arguments.rounds)?);
-    let (mut frame_ms, mut frame_passes) = (f64::INFINITY, [frame.take_times()?, gather.take_times()?].concat());
+    let (mut frame_ms, mut frame_passes) =
+        (f64::INFINITY, [frame.take_times()?, gather.take_times()?].concat());
     for _ in 0..arguments.rounds {
         frame_ms = frame_ms.min(bench.quickest(1, |bench| bench.frame(&mut frame, &mut gather))?);
         frame_passes.extend([frame.take_times()?, gather.take_times()?].concat());

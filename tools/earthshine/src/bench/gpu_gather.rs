@@ -66,14 +66,14 @@ impl GatherWork {
     }
 
     fn asked<R>(&self, ask: impl FnOnce(&ReceiverGather<'_>) -> R) -> R {
-        ask(&question(&self.chunk, &self.columns, &self.sources, &self.rows))
+        ask(&question(&[&self.chunk], &self.columns, &self.sources, &self.rows))
     }
 
     /// Hands a gather over, of other light than the last.
     pub(super) fn begin(&mut self) -> anyhow::Result<()> {
         self.sources.iter_mut().for_each(|source| *source = Vec4::new(source.y, source.z, source.x, 1.0));
         let Self { gpu, chunk, columns, sources, rows, .. } = self;
-        Ok(gpu.gather(&question(chunk, columns, sources, rows))?)
+        Ok(gpu.gather(&question(&[chunk], columns, sources, rows))?)
     }
 
     /// The sums of the last gather, waited for.
@@ -126,7 +126,7 @@ impl GatherWork {
 }
 
 fn question<'a>(
-    chunk: &'a Arc<Chunk>,
+    chunks: &'a [&'a Arc<Chunk>],
     columns: &'a [u32],
     sources: &'a [Vec4],
     rows: &'a [ReceiverRow],
@@ -135,7 +135,7 @@ fn question<'a>(
     const SPAN: &[ColumnSpan] = &[ColumnSpan { first: 0, count: PATCHES }];
     ReceiverGather {
         rows_of: RowsOf::Receivers,
-        chunks: std::slice::from_ref(&chunk),
+        chunks,
         first_spans: &[0],
         spans: SPAN,
         columns,
