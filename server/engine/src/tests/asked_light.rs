@@ -118,7 +118,7 @@ fn look(world: RandomWorld, config: EngineConfig) -> Harness {
 fn rig(step: usize) -> LightRig {
     let turn = step as f32 * 0.1;
     let sun = Light::Directional {
-        direction: Vec3::new(0.48 * turn.cos(), -0.8, 0.36 + 0.2 * turn.sin()).normalize(),
+        direction: Vec3::new(0.48 * turn.cos(), -0.8, 0.36 + 0.2 * turn.sin()).normalize_or(Vec3::NEG_Y),
         illuminance: Rgb::new(300.0, 200.0, 100.0),
         angular_diameter_rad: 0.0,
     };

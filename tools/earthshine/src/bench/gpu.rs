@@ -5,8 +5,8 @@
 //! quickest of some rounds counts.
 
 use super::Report;
-use super::gpu_frame::{FrameArguments, FrameWork};
-use super::gpu_gather::{GatherArguments, GatherWork};
+use super::gpu_frame::{DirectFigures, FrameArguments, FrameWork};
+use super::gpu_gather::{GatherArguments, GatherFigures, GatherWork};
 use super::gpu_news::{self, NewsArguments, NewsFigures};
 use super::gpu_rays::{self, RayArguments};
 use super::gpu_step::{self, StepArguments};
@@ -84,22 +84,10 @@ struct Figures {
     /// Direct light of all lit patches and a gather of receivers handed over, a block out, a block in, tables rebuilt, new
     /// sources, the product; until all of that light is on the host.
     frame_ms: f64,
-    /// Of that, direct light: points times lights, shadow rays, its light on the host.
-    direct_ms: f64,
-    /// The same on all cores of the CPU.
-    cpu_direct_ms: f64,
-    /// What direct light is off the CPU's, as a share of all of it.
-    direct_error_rel: f64,
-    /// How many frames later than its own a frame's direct light comes, where nobody waits for it.
-    direct_late_frames: f64,
-    /// Of a frame, the gather of receivers: what leaves patches uploaded, sums on the host.
-    gather_ms: f64,
-    /// The same on one core of the CPU, in `f64`.
-    cpu_gather_ms: f64,
-    /// The largest difference between the two, as a share of the brightest.
-    gather_error_rel: f64,
-    /// How many frames later than its own a gather's sums come, where nobody waits for them.
-    gather_late_frames: f64,
+    #[serde(flatten)]
+    direct: DirectFigures,
+    #[serde(flatten)]
+    gather: GatherFigures,
     alias_gitems_s: f64,
     has_timestamps: bool,
     /// Lanes of a subgroup, where kernels use them.
@@ -161,16 +149,9 @@ pub(crate) fn run(arguments: &GpuBenchArguments, json: bool) -> anyhow::Result<(
     let town = arguments.rays.town(arguments.seed)?;
     let mut frame = FrameWork::new(&device, &arguments.frame, &town, arguments.items, arguments.seed)?;
     let mut gather = GatherWork::new(&device, &arguments.gather, arguments.seed)?;
-    let (direct, gathered) = (frame.measure(arguments.rounds)?, gather.measure(arguments.rounds)?);
-    let (mut frame_ms, mut frame_passes) =
-        (f64::INFINITY, [frame.take_times()?, gather.take_times()?].concat());
-    for _ in 0..arguments.rounds {
-        frame_ms = frame_ms.min(bench.quickest(1, |bench| bench.frame(&mut frame, &mut gather))?);
-        frame_passes.extend([frame.take_times()?, gather.take_times()?].concat());
-    }
-    let (frames, period) = (arguments.news.news_frames, arguments.news.period());
-    let direct_late_frames = frame.late_frames(frames, period)?;
-    let gather_late_frames = gather.late_frames(frames, period)?;
+    let direct_figures = frame.measure(arguments.rounds, &arguments.news)?;
+    let gather_figures = gather.measure(arguments.rounds, &arguments.news)?;
+    let (frame_ms, frame_passes) = bench.frames(arguments.rounds, &mut frame, &mut gather)?;
     let block_patch_us = bench.quickest(arguments.rounds, Bench::swap)? * 1e3 / (2 * BLOCK) as f64;
     let slots = bench.streamed.taken();
     let news = gpu_news::measure(&device, &mut bench.backend, &slots, &arguments.news)?;
@@ -197,14 +178,8 @@ pub(crate) fn run(arguments: &GpuBenchArguments, json: bool) -> anyhow::Result<(
         copy_gb_s,
         product_share_of_copy: product_gb_s / copy_gb_s,
         frame_ms,
-        direct_ms: direct.direct_ms,
-        cpu_direct_ms: direct.cpu_direct_ms,
-        direct_error_rel: direct.direct_error_rel,
-        direct_late_frames,
-        gather_ms: gathered.gather_ms,
-        cpu_gather_ms: gathered.cpu_gather_ms,
-        gather_error_rel: gathered.gather_error_rel,
-        gather_late_frames,
+        direct: direct_figures,
+        gather: gather_figures,
         alias_gitems_s,
         has_timestamps: bench.has_timestamps,
         subgroup_lanes: device.subgroup_lanes(),
@@ -328,6 +303,17 @@ impl Bench {
         self.backend.step()?;
         self.backend.finish()?;
         Ok(start.elapsed().as_secs_f64() * 1e3)
+    }
+
+    /// The quickest of `rounds` frames, ms, and the passes of direct light and gathers in all of them.
+    fn frames(
+        &mut self,
+        rounds: u32,
+        work: &mut FrameWork,
+        gather: &mut GatherWork,
+    ) -> anyhow::Result<(f64, Vec<PassTime>)> {
+        let best = self.quickest(rounds, |bench| bench.frame(work, gather))?;
+        Ok((best, [work.take_times()?, gather.take_times()?].concat()))
     }
 
     /// As in the engine: what is handed over first is on its way while the matrix is updated. ms.

@@ -3,6 +3,7 @@
 //!
 //! Patches lie on random triangles of the generated town, whose triangles are in 27 chunks; a sun and lamps shine on them.
 
+use super::gpu_news::NewsArguments;
 use clap::Args;
 use earthshine_gpu::alias::AliasBuilder;
 use earthshine_gpu::direct::{GpuDirect, GpuLight};
@@ -14,6 +15,7 @@ use earthshine_scene::Scene;
 use earthshine_world::random::{Purpose, hash, unit_f32, unit_pair};
 use earthshine_world::{ChunkCoord, ChunkId, Light, OccluderMesh, Rgb, SamplePoint, Vec3};
 use rayon::prelude::*;
+use serde::Serialize;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -51,13 +53,16 @@ pub(super) struct FrameWork {
 }
 
 /// Direct light alone.
+#[derive(Serialize)]
 pub(super) struct DirectFigures {
     /// On the device, waits and readback included, ms.
-    pub(super) direct_ms: f64,
+    direct_ms: f64,
     /// The same on all cores of the CPU, ms.
-    pub(super) cpu_direct_ms: f64,
+    cpu_direct_ms: f64,
     /// What all of it is off the CPU's, as a share.
-    pub(super) direct_error_rel: f64,
+    direct_error_rel: f64,
+    /// How many frames later than its own a frame's light comes, where nobody waits for it.
+    direct_late_frames: f64,
 }
 
 impl FrameWork {
@@ -88,7 +93,7 @@ impl FrameWork {
     }
 
     /// How many frames later than its own a frame's direct light comes, on average, at `period` a frame, every frame's asked for.
-    pub(super) fn late_frames(&mut self, frames: u32, period: Duration) -> anyhow::Result<f64> {
+    fn late_frames(&mut self, frames: u32, period: Duration) -> anyhow::Result<f64> {
         let (mut under_way, mut late) = (VecDeque::new(), 0);
         for frame in 0..frames {
             let start = Instant::now();
@@ -111,7 +116,7 @@ impl FrameWork {
     }
 
     /// Direct light by both.
-    pub(super) fn measure(&mut self, rounds: u32) -> anyhow::Result<DirectFigures> {
+    pub(super) fn measure(&mut self, rounds: u32, rate: &NewsArguments) -> anyhow::Result<DirectFigures> {
         let asked = asked(&self.points);
         let start = Instant::now();
         let lit = |of: &PatchPoints<'_>| {
@@ -132,7 +137,8 @@ impl FrameWork {
             |light: &mut dyn Iterator<Item = Rgb>| light.map(|rgb| f64::from(rgb.element_sum())).sum::<f64>();
         let off = sum(&mut found.zip(&expected).map(|(a, b)| (a - *b).abs()));
         let direct_error_rel = off / sum(&mut expected.iter().copied()).max(1e-9);
-        Ok(DirectFigures { direct_ms, cpu_direct_ms, direct_error_rel })
+        let direct_late_frames = self.late_frames(rate.news_frames, rate.period())?;
+        Ok(DirectFigures { direct_ms, cpu_direct_ms, direct_error_rel, direct_late_frames })
     }
 }
 

@@ -2,6 +2,7 @@
 //!
 //! Rows of equal length over the slots of a matrix; a quarter of the columns lead to coarse parents.
 
+use super::gpu_news::NewsArguments;
 use clap::Args;
 use earthshine_gpu::receivers::GpuReceivers;
 use earthshine_gpu::{GpuDevice, PassTime};
@@ -13,6 +14,7 @@ use earthshine_world::random::{Purpose, hash, unit_f32};
 use earthshine_world::{
     Chunk, ChunkCoord, ChunkId, ChunkRows, Column, OccluderMesh, Receivers, Rgb, Sky, Vec4,
 };
+use serde::Serialize;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -41,13 +43,16 @@ pub(super) struct GatherWork {
 }
 
 /// A gather alone.
+#[derive(Serialize)]
 pub(super) struct GatherFigures {
     /// On the device, upload of what leaves patches, wait and readback included, ms.
-    pub(super) gather_ms: f64,
+    gather_ms: f64,
     /// The same on one core of the CPU, in `f64`, ms.
-    pub(super) cpu_gather_ms: f64,
+    cpu_gather_ms: f64,
     /// The largest difference from that, as a share of the brightest.
-    pub(super) gather_error_rel: f64,
+    gather_error_rel: f64,
+    /// How many frames later than its own a gather's sums come, where nobody waits for them.
+    gather_late_frames: f64,
 }
 
 impl GatherWork {
@@ -82,7 +87,7 @@ impl GatherWork {
     }
 
     /// How many frames later than its own a gather's sums come, on average, at `period` a frame, one under way at a time.
-    pub(super) fn late_frames(&mut self, frames: u32, period: Duration) -> anyhow::Result<f64> {
+    fn late_frames(&mut self, frames: u32, period: Duration) -> anyhow::Result<f64> {
         let (mut asked, mut late, mut gathers) = (None, 0, 0u32);
         for frame in 0..frames {
             let start = Instant::now();
@@ -106,7 +111,7 @@ impl GatherWork {
     }
 
     /// The same gather by both.
-    pub(super) fn measure(&mut self, rounds: u32) -> anyhow::Result<GatherFigures> {
+    pub(super) fn measure(&mut self, rounds: u32, rate: &NewsArguments) -> anyhow::Result<GatherFigures> {
         let (mut gather_ms, mut found) = (f64::INFINITY, Vec::new());
         for _ in 0..rounds {
             let start = Instant::now();
@@ -121,7 +126,8 @@ impl GatherWork {
         let brightest = expected.iter().map(|of| all(of).max_element()).fold(0.0, f32::max);
         let gaps = found.iter().zip(&expected).map(|(a, b)| (all(a) - all(b)).abs().max_element());
         let gather_error_rel = f64::from(gaps.fold(0.0, f32::max) / brightest);
-        Ok(GatherFigures { gather_ms, cpu_gather_ms, gather_error_rel })
+        let gather_late_frames = self.late_frames(rate.news_frames, rate.period())?;
+        Ok(GatherFigures { gather_ms, cpu_gather_ms, gather_error_rel, gather_late_frames })
     }
 }
 
