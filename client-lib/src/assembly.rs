@@ -4,7 +4,7 @@
 //! messages it missed; only while a reader still holds it is the new front copied instead.
 
 use crate::{ClientError, Light, decode};
-use earthshine_protocol::{DETAIL_VOLUME, v1};
+use earthshine_protocol::{detail_layer, v1};
 use glam::UVec3;
 use std::{collections::BTreeMap, sync::Arc};
 use tokio::sync::watch;
@@ -85,7 +85,8 @@ impl Assembly {
 
     /// Whether `volume` is that of level 0, which speaks for the whole.
     pub(crate) fn is_finest(&self, volume: u32) -> bool {
-        volume != DETAIL_VOLUME && self.back.volume(volume).is_some_and(|volume| volume.layout().level == 0)
+        detail_layer(volume).is_none()
+            && self.back.volume(volume).is_some_and(|volume| volume.layout().level == 0)
     }
 
     /// The generation held of `volume`, to be acknowledged.

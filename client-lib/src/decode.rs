@@ -2,11 +2,15 @@
 
 use crate::ClientError;
 use earthshine_protocol::{VOLUME_DIM_MAX, VOLUME_VOXELS_MAX, v1};
+use earthshine_volume::tilt::{self, Tilt};
 use earthshine_volume::{Layout, Volume, VoxelLight, plane, rgb9e5};
 use glam::{IVec3, UVec3};
 
 /// Largest unit of light: with it the largest code is still far from infinity.
 const LIGHT_UNIT_MAX_LX: f32 = 1e9;
+
+/// Bytes of a plane with its normal.
+const TILT_BYTES: usize = size_of::<Tilt>();
 
 /// Where a volume is said to be.
 ///
@@ -72,6 +76,9 @@ pub(crate) fn check_delta(delta: &v1::Delta, voxel_count: u32) -> Result<(), Cli
             return fault(format!("{} {what} for {patches} patches", codes.len()));
         }
     }
+    if !(delta.tilt.is_empty() || delta.tilt.len() == TILT_BYTES * patches) {
+        return fault(format!("{} bytes of tilted planes for {patches} patches", delta.tilt.len()));
+    }
     if delta.voxels.iter().skip(1).any(|&step| step == 0) {
         return fault("voxels do not ascend".to_owned());
     }
@@ -103,6 +110,8 @@ pub(crate) fn apply_delta(delta: &v1::Delta, volume: &mut Volume) {
                 light.set(direction, irradiance, sky, quality);
             }
             light.plane[direction] = delta.plane.get(patch).copied().unwrap_or(plane::UNKNOWN);
+            let tilt = delta.tilt.get(TILT_BYTES * patch..).and_then(<[u8]>::first_chunk);
+            light.tilt[direction] = tilt.copied().unwrap_or(tilt::UNKNOWN);
             light.far[direction] = delta.far.get(patch).copied().unwrap_or(0);
             light.staleness[direction] = delta.staleness.get(patch).copied().unwrap_or(0);
             patch += 1;
@@ -139,6 +148,7 @@ mod tests {
             quality: vec![10, 20, 30],
             complete: true,
             air: vec![0b100, 0, 0],
+            tilt: (1..=9).collect(),
             ..v1::Delta::default()
         }
     }
@@ -154,6 +164,7 @@ mod tests {
         let first = volume.at(IVec3::new(-1, 0, 5)).unwrap();
         assert_eq!((first.present, first.irradiance[2], first.quality[2]), (0b101, Vec3::splat(2.0), 20));
         assert_eq!((first.sky_irradiance[0], first.air), (Vec3::splat(0.5), 0b100));
+        assert_eq!([first.tilt[0], first.tilt[2], first.tilt[1]], [[1, 2, 3], [4, 5, 6], tilt::UNKNOWN]);
         let last = volume.at(IVec3::new(1, 2, 6)).unwrap();
         assert_eq!((last.present, last.air, last.irradiance[5]), (0b10_0000, 0, Vec3::splat(3.0)));
         assert_eq!(volume.lit_voxels(), 2, "voxel 7 was emptied");
@@ -189,6 +200,7 @@ mod tests {
         assert!(fault(|d| d.irradiance.truncate(1)).contains("1 irradiances"));
         assert!(fault(|d| d.quality.push(1)).contains("4 qualities"));
         assert!(fault(|d| d.far.push(1)).contains("1 far shares"));
+        assert!(fault(|d| d.tilt.truncate(8)).contains("8 bytes of tilted planes"));
         assert!(fault(|d| d.staleness.push(1)).contains("1 ages of direct light"));
         assert!(fault(|d| d.sky_irradiance.truncate(2)).contains("2 sky"));
         assert!(fault(|d| d.air.truncate(1)).contains("1 air masks"));

@@ -1,7 +1,7 @@
 //! The newest whole state of the light: what a client reads.
 
 use crate::{ClientError, decode};
-use earthshine_protocol::{DETAIL_VOLUME, VOLUMES_MAX, v1};
+use earthshine_protocol::{DETAIL_LAYERS_MAX, VOLUMES_MAX, detail_layer, v1};
 use earthshine_volume::{Layout, LookedUp, Volume, lookup};
 use glam::Vec3;
 
@@ -19,6 +19,9 @@ pub struct FrameQuality {
     /// Patches within the promised radius of the camera that have no light of level 0; 0 where nothing is promised.
     pub missing_near: u32,
 }
+
+/// Most volumes: those of levels, and layers of detail.
+const HELD_MAX: usize = VOLUMES_MAX + DETAIL_LAYERS_MAX as usize;
 
 /// One whole state of the light; it never changes while it is held.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -40,7 +43,7 @@ impl Light {
         lookup(&self.volumes, position, normal)
     }
 
-    /// The volumes behind it, fine to coarse: to be uploaded as textures.
+    /// The volumes behind it, fine to coarse: to be uploaded as textures. Layers of detail come first, side by side.
     #[must_use]
     pub fn volumes(&self) -> &[Volume] {
         &self.volumes
@@ -84,7 +87,7 @@ impl Light {
     pub(crate) fn place(&mut self, id: u32, layout: Layout) -> Result<(), ClientError> {
         let fault = |error| ClientError::protocol(format!("volume {id}: {error}"));
         // Detail stands beside the level that it is of.
-        let is_rival = |other: u32| other != DETAIL_VOLUME && id != DETAIL_VOLUME;
+        let is_rival = |other: u32| detail_layer(other).or(detail_layer(id)).is_none();
         let of_level = self
             .volumes
             .iter()
@@ -103,13 +106,13 @@ impl Light {
                 self.ids.remove(at);
                 self.volumes.remove(at)
             }
-            None if self.ids.len() >= VOLUMES_MAX => {
-                return Err(ClientError::protocol(format!("more than {VOLUMES_MAX} volumes")));
+            None if self.ids.len() >= HELD_MAX => {
+                return Err(ClientError::protocol(format!("more than {HELD_MAX} volumes")));
             }
             None => Volume::new(layout).map_err(fault)?,
         };
         volume.move_to(layout).map_err(fault)?;
-        let order = |id: u32, level: u8| (level, id != DETAIL_VOLUME);
+        let order = |id: u32, level: u8| (level, detail_layer(id).is_none(), id);
         let at =
             self.ids.iter().zip(&self.volumes).take_while(|(other, volume)| {
                 order(**other, volume.layout().level) < order(id, layout.level)
@@ -129,7 +132,7 @@ impl Light {
         }
         decode::apply_delta(delta, volume);
         // Level 0 speaks for the whole; its detail comes last.
-        if volume.layout().level > 0 || delta.volume == DETAIL_VOLUME {
+        if volume.layout().level > 0 || detail_layer(delta.volume).is_some() {
             return;
         }
         self.camera_sequence = delta.camera_sequence;

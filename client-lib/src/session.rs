@@ -5,7 +5,7 @@ use crate::{
     outbox::Outbox, statistics::Counters,
 };
 use earthshine_protocol::{
-    MESSAGE_BYTES_MAX, PROTOCOL_MAX, PROTOCOL_MIN, TEXT_BYTES_MAX, VOLUMES_MAX,
+    DETAIL_LAYERS_MAX, MESSAGE_BYTES_MAX, PROTOCOL_MAX, PROTOCOL_MIN, TEXT_BYTES_MAX, VOLUMES_MAX,
     v1::{
         self, client_message::Message as ToServer, lighting_client::LightingClient,
         server_message::Message as FromServer,
@@ -174,6 +174,7 @@ fn hello(options: &ClientOptions) -> Result<v1::Hello, ClientError> {
             .map(|level| v1::VolumeWanted { level, dims_max: Some(v1::Dims { x, y, z }) })
             .collect(),
         detail: true,
+        detail_layers: DETAIL_LAYERS_MAX,
     })
 }
 

@@ -6,7 +6,9 @@
 pub(crate) mod reply;
 
 use earthshine_protocol::v1::{self, client_message::Message};
-use earthshine_protocol::{PROTOCOL_MAX, PROTOCOL_MIN, TEXT_BYTES_MAX, VOLUMES_MAX, agree};
+use earthshine_protocol::{
+    DETAIL_LAYERS_MAX, PROTOCOL_MAX, PROTOCOL_MIN, TEXT_BYTES_MAX, VOLUMES_MAX, agree,
+};
 use earthshine_world::{Camera, Light, LightRig, Rgb, Sky, Vec3};
 use glam::UVec3;
 
@@ -69,8 +71,8 @@ pub(crate) struct Greeting {
     pub(crate) client_name: String,
     /// Which levels it has room for, and how many voxels of each.
     pub(crate) volumes_wanted: VolumesWanted,
-    /// Whether the client reads detail.
-    pub(crate) wants_detail: bool,
+    /// How many layers of detail the client reads; 0 for no detail at all.
+    pub(crate) detail_layers: u8,
 }
 
 impl Request {
@@ -92,7 +94,8 @@ impl Request {
 }
 
 fn greeting(hello: v1::Hello, world: &str) -> Result<Greeting, Refusal> {
-    let v1::Hello { protocol_min, protocol_max, client_name, world: wanted, volumes, detail } = hello;
+    let v1::Hello { protocol_min, protocol_max, client_name, world: wanted, volumes, detail, detail_layers } =
+        hello;
     let protocol = agree(protocol_min, protocol_max).ok_or_else(|| {
         let cause = format!(
             "the client speaks protocol {protocol_min} to {protocol_max}, this server {PROTOCOL_MIN} to \
@@ -104,7 +107,13 @@ fn greeting(hello: v1::Hello, world: &str) -> Result<Greeting, Refusal> {
         return Err(Refusal::invalid(format!("the client's name is longer than {TEXT_BYTES_MAX} bytes")));
     }
     check_world(wanted.as_deref(), world)?;
-    Ok(Greeting { protocol, client_name, volumes_wanted: volumes_wanted(&volumes)?, wants_detail: detail })
+    if detail_layers > DETAIL_LAYERS_MAX {
+        let cause =
+            format!("{detail_layers} layers of detail are wanted, there are at most {DETAIL_LAYERS_MAX}");
+        return Err(Refusal::invalid(cause));
+    }
+    let detail_layers = if detail { detail_layers.max(1) as u8 } else { 0 };
+    Ok(Greeting { protocol, client_name, volumes_wanted: volumes_wanted(&volumes)?, detail_layers })
 }
 
 /// Whether `wanted` is what is served.

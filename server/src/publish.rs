@@ -6,8 +6,10 @@
 //! [`DeltaStore::delta_since`]. How many deltas may be on their way is [`Flow`](crate::flow::Flow)'s business.
 
 use earthshine_engine::{EngineConfig, Frame, FrameQuality, PatchLight};
-use earthshine_protocol::{DELTA_VOXELS_MAX, DETAIL_VOLUME};
+use earthshine_protocol::{DELTA_VOXELS_MAX, DETAIL_LAYERS_MAX, DETAIL_VOLUME};
+use earthshine_volume::tilt::{self, Tilt};
 use earthshine_volume::{Layout, plane, rgb9e5};
+use earthshine_world::{DetailVoxel, SurfacePlane};
 use glam::{IVec3, UVec3, Vec3};
 use std::sync::Arc;
 
@@ -21,6 +23,9 @@ const LIT_MAX: usize =
 /// A delta is one message: all lit voxels and all emptied ones fit.
 const _: () = assert!(LIT_MAX + EMPTIED_MAX <= DELTA_VOXELS_MAX);
 const _: () = assert!(EngineConfig::DETAIL_VOXELS_LIMIT as usize + EMPTIED_MAX <= DELTA_VOXELS_MAX);
+
+/// Every layer that a world may have is a volume.
+const _: () = assert!(DETAIL_LAYERS_MAX == DetailVoxel::LAYERS_MAX as u32);
 
 /// What a code of one stands for, lx: codes reach from 1e-6 to a million lux. A power of two, so that no bit is lost.
 pub(crate) const LIGHT_UNIT_LX: f32 = 16.0;
@@ -44,6 +49,8 @@ pub(crate) struct VoxelCodes {
     pub(crate) staleness: [u8; 6],
     /// Where surfaces lie: see `earthshine_volume::plane`.
     pub(crate) plane: [u8; 6],
+    /// The same with their normals: see `earthshine_volume::tilt`.
+    pub(crate) tilt: [Tilt; 6],
 }
 
 impl VoxelCodes {
@@ -56,6 +63,7 @@ impl VoxelCodes {
         far: [0; 6],
         staleness: [0; 6],
         plane: [plane::UNKNOWN; 6],
+        tilt: [tilt::UNKNOWN; 6],
     };
 
     fn add(&mut self, patch: &PatchLight, is_air: bool) {
@@ -69,6 +77,7 @@ impl VoxelCodes {
         self.far[direction] = code(patch.fed_share).min(self.quality[direction]);
         self.staleness[direction] = patch.staleness;
         self.plane[direction] = patch.plane_offset.map_or(plane::UNKNOWN, plane::encode);
+        self.tilt[direction] = patch.tilt.map_or(tilt::UNKNOWN, SurfacePlane::code);
     }
 
     /// Takes the directions of `other` that it has nothing on.
@@ -80,6 +89,7 @@ impl VoxelCodes {
             self.far[direction] = other.far[direction];
             self.staleness[direction] = other.staleness[direction];
             self.plane[direction] = other.plane[direction];
+            self.tilt[direction] = other.tilt[direction];
             self.air |= other.air & 1 << direction;
         }
         self.present |= other.present;
@@ -178,8 +188,8 @@ pub(crate) struct DeltaStore {
     caption: Caption,
     /// What was merged last. It keeps a frame's lists in memory, and their addresses its own.
     seen: Seen,
-    /// Whether it holds detail voxels instead of voxels.
-    is_detail: bool,
+    /// Whether it holds detail voxels instead of voxels, and which layer of them.
+    detail_layer: Option<u8>,
 }
 
 impl DeltaStore {
@@ -197,23 +207,23 @@ impl DeltaStore {
             answerable_from: 0,
             caption: Caption::default(),
             seen: Seen::default(),
-            is_detail: false,
+            detail_layer: None,
         }
     }
 
-    /// The same of level 0's detail: voxels of `detail_edge_m`.
-    pub(crate) fn of_detail(dims: UVec3, detail_edge_m: f32, snap_voxels: u32) -> Self {
-        Self { is_detail: true, ..Self::new(0, dims, detail_edge_m, snap_voxels) }
+    /// The same of layer `layer` of level 0's detail: voxels of `detail_edge_m`.
+    pub(crate) fn of_detail(layer: u8, dims: UVec3, detail_edge_m: f32, snap_voxels: u32) -> Self {
+        Self { detail_layer: Some(layer), ..Self::new(0, dims, detail_edge_m, snap_voxels) }
     }
 
     /// The volume's name on the wire.
     pub(crate) fn name(&self) -> u32 {
-        if self.is_detail { DETAIL_VOLUME } else { self.layout.level.into() }
+        self.detail_layer.map_or(self.layout.level.into(), |layer| DETAIL_VOLUME + u32::from(layer))
     }
 
     /// Whether what is said of the whole is said with it.
     fn speaks_for_all(&self) -> bool {
-        self.layout.level == 0 && !self.is_detail
+        self.layout.level == 0 && self.detail_layer.is_none()
     }
 
     /// Where the volume is.
@@ -236,7 +246,10 @@ impl DeltaStore {
     pub(crate) fn absorb(&mut self, frame: &Frame, camera: Answered) -> bool {
         let next = self.generation + 1;
         let moved = self.follow(camera.position);
-        let news = if self.is_detail { Seen::detail_of(frame) } else { Seen::of(frame, self.layout.level) };
+        let news = match self.detail_layer {
+            Some(_) => Seen::detail_of(frame),
+            None => Seen::of(frame, self.layout.level),
+        };
         // Lists that were seen are in `entries` already, unless the volume lies elsewhere now.
         let changed = (moved || !news.is_same(&self.seen)) && self.merge(&news, next);
         self.seen = news;
@@ -323,8 +336,11 @@ impl DeltaStore {
             for group in lights.chunk_by(|a, b| a.voxel == b.voxel) {
                 if self.layout.index_of(group[0].voxel).is_some() {
                     let mut codes = VoxelCodes::EMPTY;
-                    group.iter().for_each(|light| codes.add(light, is_air));
-                    voxels.push((group[0].voxel, codes));
+                    let own = group.iter().filter(|light| light.layer == self.detail_layer.unwrap_or(0));
+                    own.for_each(|light| codes.add(light, is_air));
+                    if codes.present != 0 {
+                        voxels.push((group[0].voxel, codes));
+                    }
                 }
             }
         }

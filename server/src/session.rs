@@ -137,7 +137,7 @@ async fn converse(
     outbound: &Outbound,
 ) -> End {
     let config = &shared.config;
-    let Greeting { protocol, client_name, volumes_wanted, wants_detail } = greeting;
+    let Greeting { protocol, client_name, volumes_wanted, detail_layers } = greeting;
     let (publish, frames) = watch::channel(None);
     let mailbox = Arc::new(Mailbox::default());
     let opening = Opening { session, mailbox: Arc::clone(&mailbox), frames: publish };
@@ -166,7 +166,7 @@ async fn converse(
         session,
         mailbox,
         frames,
-        streams: Streams::new(&volumes_wanted, wants_detail, &index, limits),
+        streams: Streams::new(&volumes_wanted, detail_layers, &index, limits),
         frame_number: 0,
         camera_waiting: None,
         camera_at: Instant::now(),

@@ -36,10 +36,10 @@ pub(crate) struct VolumeLimits {
 }
 
 impl Streams {
-    /// Level 0, its detail if the client reads such, and the coarser levels of `index` that it has room for.
+    /// Level 0, as many layers of its detail as the client reads, and the coarser levels of `index` that it has room for.
     pub(crate) fn new(
         wanted: &VolumesWanted,
-        wants_detail: bool,
+        detail_layers: u8,
         index: &WorldIndex,
         limits: VolumeLimits,
     ) -> Self {
@@ -50,14 +50,14 @@ impl Streams {
             let store = DeltaStore::new(level, dims, grid.voxel_edge_m, limits.snap_voxels);
             Some(Stream { store, flow: Flow::new(limits.in_flight_max), is_news: false })
         };
-        let detail = || {
+        let detail = |layer: u8| {
             let dims = wanted.dims_of(0, limits.dims_max).filter(|_| index.detail > 1)?;
             let detail_edge_m = index.grid.voxel_edge_m / index.detail as f32;
-            let store = DeltaStore::of_detail(dims, detail_edge_m, limits.snap_voxels);
+            let store = DeltaStore::of_detail(layer, dims, detail_edge_m, limits.snap_voxels);
             Some(Stream { store, flow: Flow::new(limits.in_flight_max), is_news: false })
         };
-        let detail = if wants_detail { detail() } else { None };
-        Self { streams: detail.into_iter().chain((0..levels).filter_map(stream)).collect() }
+        let details = (0..detail_layers).filter_map(detail);
+        Self { streams: details.chain((0..levels).filter_map(stream)).collect() }
     }
 
     /// A frame came.
@@ -138,7 +138,7 @@ mod tests {
 
     fn streams(wanted: &VolumesWanted) -> Streams {
         let limits = VolumeLimits { dims_max: UVec3::splat(16), snap_voxels: 2, in_flight_max: 1 };
-        Streams::new(wanted, true, &index(3), limits)
+        Streams::new(wanted, 1, &index(3), limits)
     }
 
     fn published(light: f32) -> Published {
@@ -148,6 +148,8 @@ mod tests {
             irradiance: Rgb::splat(light),
             sky_irradiance: Rgb::ZERO,
             plane_offset: Some(0.5),
+            layer: 0,
+            tilt: None,
             known_share: 1.0,
             far_share: 0.0,
             fed_share: 0.0,
@@ -195,7 +197,7 @@ mod tests {
     #[test]
     fn what_is_on_its_way_is_not_sent_again() {
         let limits = VolumeLimits { dims_max: UVec3::splat(16), snap_voxels: 2, in_flight_max: 2 };
-        let mut streams = Streams::new(&VolumesWanted::Any, true, &index(3), limits);
+        let mut streams = Streams::new(&VolumesWanted::Any, 1, &index(3), limits);
         for _ in 0..2 {
             streams.mark_news();
             let sent: Vec<_> = std::iter::from_fn(|| Some(streams.next(&published(1.0))?.1)).collect();
@@ -226,7 +228,7 @@ mod tests {
         let mut index = index(4);
         index.chunks.retain(|chunk| chunk.id.level != 2);
         let limits = VolumeLimits { dims_max: UVec3::splat(16), snap_voxels: 2, in_flight_max: 1 };
-        let streams = Streams::new(&VolumesWanted::Any, false, &index, limits);
+        let streams = Streams::new(&VolumesWanted::Any, 0, &index, limits);
         let levels: Vec<u8> = streams.streams.iter().map(|stream| stream.store.layout().level).collect();
         assert_eq!((levels, index.level_count()), (vec![0, 1], 2));
     }

@@ -9,6 +9,7 @@ use earthshine_shaders::limits::CONSTANTS;
 use earthshine_shaders::subgroups::{NUMBER_LANES, SUBGROUP_LANES_RANGE};
 use earthshine_volume::lookup::{AIR_FLOOR, NORMAL_OFFSET_VOXELS, SURFACE_WEIGHT, WEIGHT_MIN};
 use earthshine_volume::plane::{PLANE_REACH_VOXELS, PLANE_STEPS};
+use earthshine_volume::tilt::{TILT_REACH_VOXELS, TURN_REACH};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{AddressSpace, Literal, StorageAccess, TypeInner};
 use std::collections::BTreeSet;
@@ -243,5 +244,7 @@ fn the_lookup_shader_is_valid_and_has_the_rust_rule_s_constants() {
     assert_eq!(f32_constant(&module, "WEIGHT_MIN"), WEIGHT_MIN);
     assert_eq!(f32_constant(&module, "PLANE_REACH_VOXELS"), PLANE_REACH_VOXELS);
     assert_eq!(f32_constant(&module, "PLANE_STEPS"), PLANE_STEPS);
-    assert_eq!((span(&module, "VolumeLayout"), span(&module, "VoxelBlock")), (32, 36));
+    assert_eq!(f32_constant(&module, "TILT_REACH_VOXELS"), TILT_REACH_VOXELS);
+    assert_eq!(f32_constant(&module, "TURN_REACH"), TURN_REACH);
+    assert_eq!((span(&module, "VolumeLayout"), span(&module, "VoxelBlock")), (48, 52));
 }

@@ -1,6 +1,6 @@
 //! Served light beside solved light, patch by patch and point by point, within what the wire can say.
 
-use crate::solved::{PatchPlace, Solution, SolvedWorld, place_of};
+use crate::solved::{LayerPlace, PatchPlace, Solution, SolvedWorld, place_of};
 use earthshine_client::Light;
 use earthshine_volume::{Volume, lookup};
 use earthshine_world::Rgb;
@@ -36,11 +36,16 @@ pub fn served_patches(light: &Light) -> PatchPlaces {
     patches_in(finest)
 }
 
-/// Everything a client was told of detail, by detail voxel.
+/// Everything a client was told of detail, by detail voxel and layer.
 #[must_use]
-pub fn served_detail(light: &Light) -> PatchPlaces {
-    let (detail, voxels) = (light.volumes().first(), light.volumes().get(1));
-    patches_in(detail.filter(|_| voxels.is_some_and(|volume| volume.layout().level == 0)))
+pub fn served_detail(light: &Light) -> BTreeMap<LayerPlace, ServedPatch> {
+    let finest = light.volumes().iter().rposition(|volume| volume.layout().level == 0).unwrap_or(0);
+    let layers = (0..).zip(&light.volumes()[..finest]);
+    layers
+        .flat_map(|(layer, volume)| {
+            patches_in(Some(volume)).into_iter().map(move |(place, told)| ((place, layer), told))
+        })
+        .collect()
 }
 
 fn patches_in(volume: Option<&Volume>) -> PatchPlaces {

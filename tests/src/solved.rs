@@ -19,6 +19,9 @@ const LIMITS: GatherLimits = GatherLimits { tolerance: 1e-7, iterations_max: 200
 /// A patch by place: what a volume can say of it.
 pub type PatchPlace = ([i32; 3], usize);
 
+/// A layer of detail by place: its detail voxel and direction, and which of those there.
+pub type LayerPlace = (PatchPlace, u8);
+
 /// All chunks of a world.
 #[derive(Debug)]
 pub struct SolvedWorld {
@@ -153,9 +156,9 @@ impl SolvedWorld {
         volume
     }
 
-    /// Light on every detail voxel, lx: one gather over what leaves the patches under the world's own lights.
+    /// Light on every layer of every detail voxel, lx: one gather over what leaves the patches under the world's own lights.
     #[must_use]
-    pub fn details(&self, solution: &Solution) -> BTreeMap<PatchPlace, Rgb> {
+    pub fn details(&self, solution: &Solution) -> BTreeMap<LayerPlace, Rgb> {
         let direct = self.direct_light(&self.lights);
         let leaving = |(index, patch): (usize, &Patch)| {
             direct[index].0 + patch.reflectance * solution.irradiance[index]
@@ -186,7 +189,8 @@ impl SolvedWorld {
                     (exitance[index] + patch.reflectance * (seen - mean)) * share
                 });
                 let coord = detail.coord(place.voxel, self.detail);
-                details.insert((coord.to_array(), place.direction.index()), sky + gathered.sum::<Rgb>());
+                let at = ((coord.to_array(), place.direction.index()), detail.layer);
+                details.insert(at, sky + gathered.sum::<Rgb>());
             }
         }
         details

@@ -21,11 +21,20 @@ pub const LIGHTS_MAX: usize = 1024;
 /// Longest client name, world name or cause, bytes.
 pub const TEXT_BYTES_MAX: usize = 1024;
 
-/// Name of the volume that holds detail of level 0.
+/// Name of the volume that holds the first layer of level 0's detail; the next names are the further layers'.
 pub const DETAIL_VOLUME: u32 = 256;
 
-/// Most voxels that a server should put into one delta. The worst case (six patches in each, thirteen bytes a
+/// Most layers of detail.
+pub const DETAIL_LAYERS_MAX: u32 = 4;
+
+/// Which layer of detail the volume `name` holds; `None` for a level's own volume.
+#[must_use]
+pub fn detail_layer(name: u32) -> Option<u32> {
+    name.checked_sub(DETAIL_VOLUME).filter(|&layer| layer < DETAIL_LAYERS_MAX)
+}
+
+/// Most voxels that a server should put into one delta. The worst case (six patches in each, sixteen bytes a
 /// patch, six bytes a voxel) stays under half of [`MESSAGE_BYTES_MAX`].
 pub const DELTA_VOXELS_MAX: usize = 1 << 16;
 
-const _: () = assert!(DELTA_VOXELS_MAX * (6 * 13 + 6) < MESSAGE_BYTES_MAX / 2);
+const _: () = assert!(DELTA_VOXELS_MAX * (6 * 16 + 6) < MESSAGE_BYTES_MAX / 2);

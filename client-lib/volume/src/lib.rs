@@ -13,6 +13,7 @@ pub mod lookup;
 mod places;
 pub mod plane;
 pub mod rgb9e5;
+pub mod tilt;
 pub mod volume;
 
 pub use layout::{Layout, LayoutError};

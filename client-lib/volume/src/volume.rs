@@ -4,6 +4,7 @@
 //! a frame. It knows nothing of generations or of the wire.
 
 use crate::places::Places;
+use crate::tilt::{self, Tilt};
 use crate::{Layout, LayoutError, plane};
 use glam::{IVec3, Vec3};
 
@@ -27,6 +28,8 @@ pub struct VoxelLight {
     pub sky_irradiance: [Vec3; 6],
     /// Where in the voxel the surface lies: see [`plane::encode`].
     pub plane: [u8; 6],
+    /// The same with the surface's normal, which goes before: see [`tilt::trust`].
+    pub tilt: [Tilt; 6],
 }
 
 impl VoxelLight {
@@ -40,6 +43,7 @@ impl VoxelLight {
         irradiance: [Vec3::ZERO; 6],
         sky_irradiance: [Vec3::ZERO; 6],
         plane: [plane::UNKNOWN; 6],
+        tilt: [tilt::UNKNOWN; 6],
     };
     /// All six bits of [`Self::present`].
     pub const ALL_PRESENT: u8 = 0b11_1111;
@@ -68,6 +72,7 @@ impl VoxelLight {
         self.far[direction] = 0;
         self.staleness[direction] = 0;
         self.plane[direction] = plane::UNKNOWN;
+        self.tilt[direction] = tilt::UNKNOWN;
         self.present |= 1 << direction;
         self.air &= !(1 << direction);
     }
@@ -183,6 +188,14 @@ impl Volume {
         self.change(voxel, |light| light.plane[direction] = code)
     }
 
+    /// Says in which plane the surface of the patch on `direction` lies: see [`tilt::trust`]. Says whether `voxel` is inside.
+    ///
+    /// # Panics
+    /// If `direction` is not 0..6.
+    pub fn set_tilt(&mut self, voxel: IVec3, direction: usize, tilt: Tilt) -> bool {
+        self.change(voxel, |light| light.tilt[direction] = tilt)
+    }
+
     /// Puts one receiver into `voxel`, unless a patch is on `direction`. Says whether `voxel` is inside.
     ///
     /// # Panics
@@ -210,6 +223,7 @@ impl Volume {
                     let (all, sky) = (light.irradiance[direction], light.sky_irradiance[direction]);
                     kept.set(direction, all, sky, light.quality[direction]);
                     kept.plane[direction] = light.plane[direction];
+                    kept.tilt[direction] = light.tilt[direction];
                     kept.far[direction] = light.far[direction];
                     kept.staleness[direction] = light.staleness[direction];
                 }

@@ -35,7 +35,7 @@ pub(crate) struct AirVoxel {
     lit: u64,
     /// Of its air, those that know enough, by direction.
     lights: Vec<PatchLight>,
-    /// Of its surfaces, by direction and detail voxel, with the coordinates of those.
+    /// Of its surfaces, by direction, detail voxel and layer, with the coordinates of those.
     details: Vec<PatchLight>,
     /// Whether detail voxels are told of at all.
     pub(crate) has_detail: bool,
@@ -254,11 +254,11 @@ impl AirSet {
         self.stale = self.stale_now();
     }
 
-    /// Light on surfaces by detail voxel, ascending by detail voxel (x, y, z), then direction.
+    /// Light on surfaces by detail voxel, ascending by detail voxel (x, y, z), then direction, then layer.
     pub(crate) fn details(&self) -> Vec<PatchLight> {
         let mut details: Vec<_> =
             self.voxels.values().flat_map(|voxel| voxel.details.iter().copied()).collect();
-        details.sort_unstable_by_key(|light| (light.voxel.to_array(), light.direction));
+        details.sort_unstable_by_key(|light| (light.voxel.to_array(), light.direction, light.layer));
         details
     }
 

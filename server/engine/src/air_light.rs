@@ -168,8 +168,10 @@ impl<'a> Teller<'a> {
             let resident = self.local.resident(slot);
             let near = self.has_near.then(|| self.near(&place, detail, resident));
             let light = fed_as(resident, told(&voxel.chunk, row, &gather(row, near)));
-            let (voxel, plane_offset) = (detail.coord(light.voxel, self.detail), Some(detail.plane_offset()));
-            details.push(PatchLight { voxel, plane_offset, ..light });
+            let DetailVoxel { layer, plane, .. } = detail;
+            let plane_offset = Some(plane.offset_along(place.direction.axis()));
+            let voxel = detail.coord(light.voxel, self.detail);
+            details.push(PatchLight { voxel, plane_offset, layer, tilt: Some(plane), ..light });
         }
         (lights, details)
     }
@@ -213,6 +215,8 @@ fn told(chunk: &Chunk, row: usize, of: &RowLight) -> PatchLight {
         irradiance: finite(of.irradiance + of.sky),
         sky_irradiance: finite(of.sky),
         plane_offset: None,
+        layer: 0,
+        tilt: None,
         known_share: parts.known(),
         far_share: parts.far.clamp(0.0, 1.0),
         fed_share: 0.0,

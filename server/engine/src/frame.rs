@@ -1,7 +1,7 @@
 //! The published, immutable result of a tick, for one session.
 
 use crate::SessionId;
-use earthshine_world::{Direction, Rgb, VoxelCoord};
+use earthshine_world::{Direction, Rgb, SurfacePlane, VoxelCoord};
 use std::sync::Arc;
 
 /// Light on one patch or receiver, and how good it is.
@@ -18,6 +18,10 @@ pub struct PatchLight {
     /// Where in the voxel the surface lies along the axis of `direction`, in voxel edges from the low side, 0..=1.
     /// Nothing of a receiver.
     pub plane_offset: Option<f32>,
+    /// Of detail: which of the layers that share the detail voxel and the direction. Else 0.
+    pub layer: u8,
+    /// Of detail: the plane that the layer lies in, in its detail voxel.
+    pub tilt: Option<SurfacePlane>,
     /// Share of the row that is resident or sky or absorbed, 0..=1: what the light rests on.
     pub known_share: f32,
     /// Share of the row whose columns exist but are not resident, 0..=1.
@@ -69,7 +73,7 @@ pub struct Frame {
     pub patches: Arc<[PatchLight]>,
     /// Light in empty air near the camera: receivers, ascending like `patches`. None is where a patch is resident.
     pub receivers: Arc<[PatchLight]>,
-    /// Detail of the surfaces nearest to the camera: `voxel` is a detail voxel, ascending like `patches`. Only where the patch of
+    /// Detail of the surfaces nearest to the camera: `voxel` is a detail voxel, ascending like `patches`, then by layer. Only where the patch of
     /// the voxel around it is resident.
     pub details: Arc<[PatchLight]>,
     /// The coarser levels, finer first; what is beyond them has no light.

@@ -228,8 +228,8 @@ fn check_frame(session: &Session) -> Result<(), InvariantError> {
     ensure("E9 detail voxels", frame.details.iter().all(is_light) && ascend(&frame.details), at)
 }
 
-fn place(light: &PatchLight) -> ([i32; 3], Direction) {
-    (light.voxel.to_array(), light.direction)
+fn place(light: &PatchLight) -> ([i32; 3], Direction, u8) {
+    (light.voxel.to_array(), light.direction, light.layer)
 }
 
 fn ascend(lights: &[PatchLight]) -> bool {

@@ -460,6 +460,8 @@ fn patch_light(resident: &Resident, voxel_edge_m: f32, relight: &Relight<'_>) ->
         irradiance: resident.light.irradiance?,
         sky_irradiance: resident.light.sky_irradiance(),
         plane_offset: Some(resident.patch.plane_offset(voxel_edge_m)),
+        layer: 0,
+        tilt: None,
         known_share: resident.parts().known(),
         far_share: resident.parts().far.clamp(0.0, 1.0),
         fed_share: resident.fed_share.clamp(0.0, 1.0),

@@ -19,6 +19,11 @@ pub const NEAR_SHARE_MIN: f32 = 0.001;
 /// How far off its surface a point is taken to lie when its detail voxel is looked for, in voxel edges, as in the bake.
 const OFF_SURFACE: f32 = 1e-3;
 
+/// Points whose normal differs from a plane's by more than this cosine, or that lie further off it than this share of a
+/// detail voxel's edge, lie in another layer.
+const ALIKE_COSINE: f32 = 0.9;
+const IN_PLANE: f32 = 0.2;
+
 /// Of a patch: direct irradiance on its sample points, where they differ.
 #[derive(Debug, Clone, Copy)]
 pub struct NearPatch<'a> {
@@ -28,7 +33,7 @@ pub struct NearPatch<'a> {
     pub irradiance: &'a [Rgb],
 }
 
-/// The surface in a detail voxel, looking out.
+/// A layer of the surfaces in a detail voxel, looking out.
 #[derive(Debug, Clone)]
 pub struct Viewer {
     eyes: Vec<SamplePoint>,
@@ -37,7 +42,7 @@ pub struct Viewer {
 }
 
 impl Viewer {
-    /// What lies in part `detail` of the patch at `place`, one of `per_edge` along an edge, of the patch's points `own`.
+    /// What lies in layer and part `detail` of the patch at `place`, one of `per_edge` along an edge, of the patch's points `own`.
     #[must_use]
     pub fn new(
         place: &ReceiverPlace,
@@ -49,20 +54,22 @@ impl Viewer {
         let edge_m = grid.voxel_edge_m / per_edge as f32;
         let voxel = detail.coord(place.voxel, per_edge);
         let low = place.voxel * per_edge.cast_signed();
+        let (normal, distance) = (detail.plane.unit_normal(), detail.plane.middle_distance() * edge_m);
+        let middle = (voxel.as_vec3() + 0.5) * edge_m;
         let is_inside = |point: &&SamplePoint| {
             let off_surface = point.normal * (OFF_SURFACE * grid.voxel_edge_m);
             let at = ((point.position + off_surface) / edge_m).floor().as_ivec3();
             at.clamp(low, low + (per_edge.cast_signed() - 1)) == voxel
         };
-        let inside = own.iter().filter(is_inside).count();
-        let step = inside.div_ceil(EYES_MAX).max(1);
-        let mut eyes: Vec<SamplePoint> = own.iter().filter(is_inside).step_by(step).copied().collect();
+        let is_in_plane = |point: &&SamplePoint| {
+            let off_plane = ((point.position - middle).dot(normal) - distance).abs();
+            point.normal.dot(normal) > ALIKE_COSINE && off_plane < IN_PLANE * edge_m
+        };
+        let inside = || own.iter().filter(is_inside).filter(is_in_plane);
+        let step = inside().count().div_ceil(EYES_MAX).max(1);
+        let mut eyes: Vec<SamplePoint> = inside().step_by(step).copied().collect();
         if eyes.is_empty() {
-            let normal = place.direction.vector();
-            let mut position = (voxel.as_vec3() + 0.5) * edge_m;
-            let axis = place.direction.index() / 2;
-            position[axis] = (voxel[axis] as f32 + detail.plane_offset()) * edge_m;
-            eyes.push(SamplePoint { position, normal });
+            eyes.push(SamplePoint { position: middle + normal * distance, normal });
         }
         let area = edge_m * edge_m / eyes.len() as f32;
         Self { eyes, area }
@@ -95,7 +102,7 @@ impl Viewer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use earthshine_world::{Direction, VoxelCoord};
+    use earthshine_world::{Direction, SurfacePlane, VoxelCoord};
     use glam::IVec3;
 
     const GRID: Grid = Grid { voxel_edge_m: 1.0, chunk_edge_voxels: 4 };
@@ -105,7 +112,8 @@ mod tests {
     }
 
     fn viewer(own: &[SamplePoint]) -> Viewer {
-        Viewer::new(&wall(), DetailVoxel::new(IVec3::ZERO, 0.0), 2, &GRID, own)
+        let plane = SurfacePlane::new(Vec3::X, -0.5);
+        Viewer::new(&wall(), DetailVoxel::new(IVec3::ZERO, 0, plane), 2, &GRID, own)
     }
 
     /// Points all over a floor of one square metre that begins at a wall at x = 0.
@@ -172,6 +180,31 @@ mod tests {
             (2..=EYES_MAX).contains(&found.eyes.len()) && found.eyes.iter().all(|eye| inside.contains(eye))
         );
         let middle = viewer(&own[9..]).eyes;
-        assert_eq!(middle, [at(0.25, 0.25)]);
+        let [middle] = middle[..] else { panic!("{middle:?}") };
+        // Half a step of a plane's distance.
+        assert!(middle.position.distance(at(0.25, 0.25).position) < 0.5 * 0.5 * 3f32.sqrt() / 254.0 + 1e-6);
+        assert_eq!(middle.normal, Vec3::X);
+    }
+
+    #[test]
+    fn eyes_lie_in_the_layer_s_own_plane() {
+        let points = |x: f32, normal: Vec3| {
+            (0..4).map(move |i| SamplePoint {
+                position: Vec3::new(x, 0.1 + 0.1 * (i % 2) as f32, 0.1 + 0.1 * (i / 2) as f32),
+                normal,
+            })
+        };
+        let slanted = Vec3::new(0.6, 0.8, 0.0);
+        let own: Vec<SamplePoint> =
+            points(0.05, Vec3::X).chain(points(0.4, Vec3::X)).chain(points(0.05, slanted)).collect();
+        // Two detail voxels along an edge of one metre.
+        let layer = |plane| {
+            let detail = DetailVoxel::new(IVec3::ZERO, 0, plane);
+            Viewer::new(&wall(), detail, 2, &GRID, &own).eyes
+        };
+        assert_eq!(layer(SurfacePlane::new(Vec3::X, -0.4)), own[..4]);
+        assert_eq!(layer(SurfacePlane::new(Vec3::X, 0.3)), own[4..8]);
+        let found = layer(SurfacePlane::new(slanted, -0.4));
+        assert!(!found.is_empty() && found.iter().all(|eye| own[8..].contains(eye)));
     }
 }

@@ -108,6 +108,7 @@ pub(crate) fn delta(changes: &Changes) -> v1::ServerMessage {
             delta.far.push(codes.far[direction]);
             delta.staleness.push(codes.staleness[direction]);
             delta.plane.push(codes.plane[direction]);
+            delta.tilt.extend(codes.tilt[direction]);
         }
     }
     if delta.sky_irradiance.iter().all(|&code| code == 0) {
@@ -116,7 +117,7 @@ pub(crate) fn delta(changes: &Changes) -> v1::ServerMessage {
     if delta.air.iter().all(|&mask| mask == 0) {
         delta.air.clear();
     }
-    for codes in [&mut delta.far, &mut delta.staleness] {
+    for codes in [&mut delta.far, &mut delta.staleness, &mut delta.tilt] {
         if codes.iter().all(|&code| code == 0) {
             codes.clear();
         }

@@ -21,6 +21,17 @@ fn refused_lights(lights: v1::Lights) -> String {
 }
 
 #[test]
+fn a_client_gets_as_many_layers_as_it_reads_and_an_old_one_gets_the_first() {
+    let layers = |detail: bool, detail_layers: u32| {
+        greeting(v1::Hello { detail, detail_layers, ..hello() }, "w").map(|greeting| greeting.detail_layers)
+    };
+    assert_eq!([layers(true, 0), layers(true, 1), layers(true, 3)].map(Result::unwrap), [1, 1, 3]);
+    assert_eq!(layers(false, 4).unwrap(), 0);
+    let refused = layers(true, DETAIL_LAYERS_MAX + 1).unwrap_err();
+    assert!(refused.cause.contains("5 layers of detail"), "{}", refused.cause);
+}
+
+#[test]
 fn a_wrong_version_is_refused_with_both_named() {
     let refusal = refused_hello(|hello| {
         (hello.protocol_min, hello.protocol_max) = (PROTOCOL_MAX + 6, PROTOCOL_MAX + 8);

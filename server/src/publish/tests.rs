@@ -26,6 +26,8 @@ fn frame(lights: &[(IVec3, f32)]) -> Frame {
             irradiance: Vec3::splat(light),
             sky_irradiance: Vec3::splat(light * 0.5),
             plane_offset: Some(0.5),
+            layer: 0,
+            tilt: None,
             known_share: 1.0,
             far_share: 0.0,
             fed_share: 0.0,
@@ -190,4 +192,34 @@ fn clients_of_any_pace_end_with_the_same_light() {
         }
         assert_eq!(client.voxels, fresh.voxels);
     }
+}
+
+/// Goal: each layer of detail is a volume of its own, in one place, and says in which planes its surfaces lie. Method: two layers in
+/// one detail voxel, one alone in another.
+#[test]
+fn layers_of_detail_go_into_volumes_of_their_own() {
+    let tilt = |distance: f32| SurfacePlane::new(Vec3::Y, distance);
+    let mut frame = frame(&[(IVec3::ZERO, 1.0), (IVec3::ZERO, 2.0), (IVec3::X, 3.0)]);
+    let details: Vec<PatchLight> = frame
+        .patches
+        .iter()
+        .zip([(0, tilt(0.25)), (1, tilt(-0.5)), (0, tilt(0.0))])
+        .map(|(light, (layer, plane))| PatchLight { layer, tilt: Some(plane), ..*light })
+        .collect();
+    frame.details = details.into();
+    let told = |layer: u8| {
+        let mut store = DeltaStore::of_detail(layer, UVec3::splat(16), 1.0, 4);
+        assert!(store.absorb(&frame, at(0.0)));
+        let changes = store.delta_since(0).unwrap();
+        assert_eq!(changes.volume, DETAIL_VOLUME + u32::from(layer));
+        let code = |&(_, codes): &(u32, VoxelCodes)| {
+            (rgb9e5::decode(codes.irradiance[2]).x * LIGHT_UNIT_LX, codes.tilt[2])
+        };
+        (*store.layout(), changes.voxels.iter().map(code).collect::<Vec<_>>())
+    };
+    let (first, second, third) = (told(0), told(1), told(2));
+    assert_eq!(first.1, [(1.0, tilt(0.25).code()), (3.0, tilt(0.0).code())]);
+    assert_eq!(second.1, [(2.0, tilt(-0.5).code())]);
+    assert!(third.1.is_empty());
+    assert_eq!((first.0, first.0), (second.0, third.0));
 }

@@ -1,6 +1,6 @@
 //! Everything that can be wrong with a world on disk: which file, which frame, and the cure.
 
-use crate::format::{Frame, VERSION};
+use crate::format::{Frame, VERSION, VERSION_OLDEST};
 use earthshine_world::ChunkId;
 use std::path::{Path, PathBuf};
 
@@ -38,7 +38,7 @@ pub enum TileError {
         path: PathBuf,
     },
     /// Written by another version of the format.
-    #[error("{} has format version {found}, this program reads {VERSION}; bake it again with this program", path.display())]
+    #[error("{} has format version {found}, this program reads {VERSION_OLDEST} to {VERSION}; bake it again with this program", path.display())]
     Version {
         /// The file.
         path: PathBuf,

@@ -12,7 +12,8 @@
 //!      │ segments                   │ SegmentRecord x segment_count: the chunks that columns point into
 //!      │ rows 0                     │ 32 rows: own segment list, sky, absorbed, column gaps, shares
 //!      │ ...                        │ ceil(patch_count / 32) groups in all
-//!      │ receivers                  │ ReceiverRecord x receiver_count, byte planes: rows without columns
+//!      │ receivers                  │ ReceiverRecord x receiver_count, byte planes: rows without columns; in version 4
+//!      │                            │ UnlayeredRecord
 //!      │ receivers' segments        │ SegmentRecord x receiver_segment_count
 //!      │ receivers' rows 0          │ as rows, one row a receiver
 //!      │ ...                        │ ceil(receiver_count / 32) groups in all
@@ -29,8 +30,12 @@ use bytemuck::{Pod, Zeroable};
 use earthshine_world::{ChunkCoord, ChunkId};
 use std::path::Path;
 
-/// Version of the tile format and of `world.toml`. Any change of a layout is a new number.
-pub const VERSION: u32 = 4;
+/// Version of the tile format and of `world.toml`, as written. Any change of a layout is a new number.
+pub const VERSION: u32 = 5;
+/// The oldest version that is read: its receivers have no layers.
+pub const VERSION_OLDEST: u32 = 4;
+/// Which versions are read.
+pub(crate) const VERSIONS: std::ops::RangeInclusive<u32> = VERSION_OLDEST..=VERSION;
 /// First bytes of a tile. The last two find files that were copied as text.
 pub const MAGIC: [u8; 8] = *b"EARTHS\r\n";
 /// Sections besides row groups: patches, points, segments, receivers and their segments, occluders.
@@ -46,7 +51,7 @@ const _: () = assert!(size_of::<SectionEntry>() == 32, "a section entry is 32 by
 pub struct TileHeader {
     /// [`MAGIC`].
     pub magic: [u8; 8],
-    /// [`VERSION`].
+    /// [`VERSION_OLDEST`] to [`VERSION`].
     pub version: u32,
     /// The number of a [`RowCodec`](crate::RowCodec).
     pub row_codec: u32,
@@ -249,7 +254,7 @@ impl TileHeader {
             return Err(truncated(size_of::<Self>() as u64));
         };
         let header: Self = bytemuck::pod_read_unaligned(first);
-        if header.version != VERSION {
+        if !VERSIONS.contains(&header.version) {
             return Err(TileError::Version { path: path.to_owned(), found: header.version });
         }
         let found = header.own_hash();

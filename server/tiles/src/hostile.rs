@@ -3,7 +3,7 @@
 use crate::checksum;
 use crate::codec::zstd_frame::{Packer, Unpacker};
 use crate::error::TileError;
-use crate::format::{SectionEntry, TileHeader};
+use crate::format::{Frame, SectionEntry, TileHeader, VERSION_OLDEST};
 use crate::reader::Layout;
 use crate::{EncodeOptions, RowCodec, decode_bytes, encode, limits, structure};
 use earthshine_world::{
@@ -105,6 +105,24 @@ fn put_together(mut header: TileHeader, frames: &[(SectionEntry, Vec<u8>)]) -> V
 fn sealed(mut header: TileHeader, table: &[SectionEntry], frames: &[u8]) -> Vec<u8> {
     header.header_hash = header.own_hash();
     [bytemuck::bytes_of(&header), bytemuck::cast_slice(table), frames].concat()
+}
+
+/// Goal: worlds that were baked before there were layers are read. Method: the same tile as its version wrote it, where
+/// receivers had two bytes less each, in byte planes of their own.
+#[test]
+fn a_tile_of_the_version_before_is_read() {
+    let (header, mut frames) = take_apart(&tile(RowCodec::Half));
+    let receivers = frames.iter_mut().find(|(entry, _)| entry.kind == Frame::Receivers.numbers().0);
+    let (entry, raw) = receivers.expect("a frame of receivers");
+    raw.truncate(header.receiver_count as usize * 16);
+    entry.raw_bytes = raw.len() as u32;
+    let old = put_together(TileHeader { version: VERSION_OLDEST, ..header }, &frames);
+    assert_eq!(decode(&old).unwrap().receivers, decode(&tile(RowCodec::Half)).unwrap().receivers);
+    let claimed = put_together(header, &frames);
+    assert!(
+        decode(&claimed).unwrap_err().to_string().contains("receivers"),
+        "the new version has longer ones"
+    );
 }
 
 /// Goal: no contents can make the reader panic, or give out what others would index out of bounds with.

@@ -4,7 +4,7 @@
 //! leftovers of older bakes and nobody's concern.
 
 use crate::error::TileError;
-use crate::format::VERSION;
+use crate::format::{VERSION, VERSIONS};
 use crate::{limits, parameters::BakeParameters, writer};
 use earthshine_world::{Bounds, ChunkCoord, ChunkId, ChunkSummary, LightRig, WorldIndex};
 use serde::{Deserialize, Serialize};
@@ -89,7 +89,7 @@ impl Manifest {
         let broken = |cause: String| TileError::Manifest { path: path.clone(), cause };
         // The version first: a newer manifest may have keys that this program does not know.
         let found = Version::of(&text).map_err(broken)?;
-        if found != VERSION {
+        if !VERSIONS.contains(&found) {
             return Err(TileError::Version { path, found });
         }
         let manifest: Self = toml::from_str(&text).map_err(|error| broken(error.to_string()))?;

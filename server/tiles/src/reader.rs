@@ -231,7 +231,7 @@ impl Layout {
                     raw_bytes <= limits::GROUP_RAW_BYTES_MAX
                 }
                 Frame::Receivers => {
-                    raw_bytes == u64::from(header.receiver_count) * receivers::RECORD_BYTES as u64
+                    raw_bytes == u64::from(header.receiver_count) * receivers::record_bytes(header.version)
                 }
                 Frame::ReceiverSegments => raw_bytes == u64::from(header.receiver_segment_count) * 16,
                 Frame::ReceiverRows(_) => {
@@ -348,7 +348,9 @@ impl View<'_> {
         unpacker: &mut Unpacker,
     ) -> Result<Receivers, TileError> {
         Ok(Receivers {
-            places: self.frame(Frame::Receivers, unpacker, receivers::decode)?,
+            places: self.frame(Frame::Receivers, unpacker, |raw| {
+                receivers::decode(raw, self.layout.header.version)
+            })?,
             rows: self.rows(RowsOf::Receivers, 0..u32::MAX, patch_counts, unpacker)?,
         })
     }

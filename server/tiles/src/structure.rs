@@ -50,12 +50,22 @@ pub(crate) fn check_patches(patches: &[Patch], point_count: usize) -> Decoded<()
     Ok(())
 }
 
-/// Checks that no place comes twice.
+/// Checks that no place comes twice, and that layers are counted from 0.
 pub(crate) fn check_places(places: &[ReceiverPlace]) -> Decoded<()> {
-    if places.is_sorted_by(|a, b| a.order() < b.order()) {
-        Ok(())
-    } else {
-        Err("the receivers do not ascend".to_owned())
+    if !places.is_sorted_by(|a, b| a.order() < b.order()) {
+        return Err("the receivers do not ascend".to_owned());
+    }
+    let below = |place: &ReceiverPlace| {
+        let (voxel, direction, (index, layer)) = place.order();
+        layer.checked_sub(1).map(|below| (voxel, direction, (index, below)))
+    };
+    let before = std::iter::once(None).chain(places.iter().map(|place| Some(place.order())));
+    match places.iter().zip(before).find(|(place, before)| below(place).is_some_and(|it| Some(it) != *before))
+    {
+        None => Ok(()),
+        Some((place, _)) => {
+            Err(format!("{} facing {:?} is missing a layer below another", place.voxel, place.direction))
+        }
     }
 }
 

@@ -77,7 +77,14 @@ fn other_files_and_versions_are_told_apart() {
     tile[8] += 1;
     let error = decode_bytes(&tile, Path::new("new.tile")).expect_err("another version");
     assert!(matches!(error, TileError::Version { found, .. } if found == format::VERSION + 1), "{error}");
-    assert!(error.to_string().contains(&format!("this program reads {}", format::VERSION)), "{error}");
+    assert!(
+        error.to_string().contains(&format!(
+            "this program reads {} to {}",
+            format::VERSION_OLDEST,
+            format::VERSION
+        )),
+        "{error}"
+    );
     for foreign in [&b"glTF\x02\0\0\0"[..], &[0; 4096], b"PNG", b"EARTHS\n"] {
         let error = decode_bytes(foreign, Path::new("other.glb")).expect_err("a foreign file");
         assert!(matches!(error, TileError::Magic { .. }), "{error}");

@@ -6,7 +6,7 @@ use chunks::{options, random_chunk};
 use earthshine_tiles::{
     MappedTile, RowCodec, TileError, check_receivers, check_rows, decode_bytes, encode, write_atomic,
 };
-use earthshine_world::{Chunk, Column, DetailVoxel, ReceiverPlace, Vec3, VoxelCoord};
+use earthshine_world::{Chunk, Column, DetailVoxel, ReceiverPlace, SurfacePlane, Vec3, VoxelCoord};
 use std::path::Path;
 
 const SIZES: [(usize, usize); 8] =
@@ -119,7 +119,7 @@ fn a_file_cut_under_the_map_is_an_error() {
 #[test]
 fn impossible_chunks_are_refused_by_name() {
     type Change = fn(&mut Chunk);
-    let cases: [(&str, Change); 20] = [
+    let cases: [(&str, Change); 21] = [
         ("patch 3 has sample points", |c| c.patches[3].point_count = 0),
         ("patch 3 has sample points", |c| c.patches[3].point_first = u32::MAX),
         ("patch 4 has no positive area", |c| c.patches[4].area = f32::NAN),
@@ -141,7 +141,12 @@ fn impossible_chunks_are_refused_by_name() {
         }),
         ("has no patch", |c| {
             let air = c.receivers.places.iter_mut().rfind(|place| place.detail.is_none());
-            air.expect("air").detail = Some(DetailVoxel::new(VoxelCoord::ZERO, 0.5));
+            let plane = SurfacePlane::new(Vec3::Y, 0.0);
+            air.expect("air").detail = Some(DetailVoxel::new(VoxelCoord::ZERO, 0, plane));
+        }),
+        ("is missing a layer below", |c| {
+            let layers = c.receivers.places.iter_mut().filter_map(|place| place.detail.as_mut());
+            layers.last().expect("detail").layer = DetailVoxel::LAYERS_MAX;
         }),
         ("receivers: ", |c| c.receivers.rows.shares[0] = 3.0),
         ("receivers: ", |c| c.receivers.places.truncate(2)),

@@ -11,7 +11,8 @@
 //! | [`grid`] | voxels, chunks and where a point lies |
 //! | [`patch`] | patches, their identity and their sample points |
 //! | [`rows`] | form-factor rows: resident or far columns, sky, absorbed |
-//! | [`receivers`] | rows without columns: light in empty air |
+//! | [`receivers`] | rows without columns: light in empty air, and on surfaces in detail |
+//! | [`surface_plane`] | the plane of what lies in a detail voxel |
 //! | [`chunk`] | one chunk, whole |
 //! | [`index`] | what a world holds, before any tile is read |
 //! | [`lineage`] | which coarse patch stands for a patch |
@@ -30,6 +31,7 @@ pub mod patch;
 pub mod random;
 pub mod receivers;
 pub mod rows;
+pub mod surface_plane;
 
 pub use camera::Camera;
 pub use chunk::{Chunk, OccluderMesh};
@@ -41,6 +43,7 @@ pub use light::{Light, LightRig, Sky};
 pub use patch::{Patch, PatchId, SamplePoint};
 pub use receivers::{DetailVoxel, ReceiverPlace, Receivers};
 pub use rows::{ChunkRows, Column, RowParts};
+pub use surface_plane::SurfacePlane;
 
 /// Linear RGB: reflectance, exitance, irradiance or radiance, as the name beside it says.
 pub type Rgb = Vec3;

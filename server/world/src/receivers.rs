@@ -3,33 +3,35 @@
 //! A receiver says where the light comes from that arrives at a plane facing one direction. It receives and never sends,
 //! so it has no area, no reflectance and no slot. *In the air* it stands in the open part of a voxel, for objects that
 //! move. *On surfaces* it stands for what faces its direction in one *detail voxel*, a part of a voxel of half or a quarter of its edge: the
-//! light there in more detail than the voxel's patch has.
+//! light there in more detail than the voxel's patch has. Surfaces that share a detail voxel and a direction, but no plane
+//! (moulding and the wall behind it), are *layers*: each has a receiver of its own.
 
-use crate::{ChunkRows, Direction, VoxelCoord};
+use crate::{ChunkRows, Direction, SurfacePlane, VoxelCoord};
 use glam::IVec3;
 
-/// A part of a voxel, and where in it the surface lies.
+/// A part of a voxel, and one of the surfaces in it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct DetailVoxel {
     /// Counted in detail voxels from the low corner of the voxel: bits 0 and 1 of x, y and z in turn, then bit 2 of each.
     pub index: u16,
-    /// Where the surface lies along the axis of the receiver's direction: in 254ths of the detail voxel's edge from its low side.
-    pub plane: u8,
+    /// Which of the layers that share the detail voxel and the direction, below [`Self::LAYERS_MAX`]. None is left out.
+    pub layer: u8,
+    /// The plane it lies in, in the detail voxel.
+    pub plane: SurfacePlane,
 }
 
 impl DetailVoxel {
     /// Most detail voxels along a voxel's edge.
     pub const PER_EDGE_MAX: u32 = 8;
-    /// Steps between the two sides of a detail voxel.
-    pub const PLANE_STEPS: f32 = 254.0;
+    /// Most layers of one direction in a detail voxel.
+    pub const LAYERS_MAX: u8 = 4;
 
-    /// Which detail voxel `offset` (detail voxels from the low corner of the voxel, each below 8) is, with its surface `plane_offset` detail voxel
-    /// edges (0..=1) above its low side.
+    /// Layer `layer` in the detail voxel at `offset` (detail voxels from the low corner of the voxel, each below 8).
     #[must_use]
-    pub fn new(offset: IVec3, plane_offset: f32) -> Self {
+    pub fn new(offset: IVec3, layer: u8, plane: SurfacePlane) -> Self {
         let bits = |along: i32, axis: i32| (along & 3) << (2 * axis) | (along >> 2 & 1) << (6 + axis);
-        let plane = (plane_offset.clamp(0.0, 1.0) * Self::PLANE_STEPS).round();
-        Self { index: (bits(offset.x, 0) | bits(offset.y, 1) | bits(offset.z, 2)) as u16, plane: plane as u8 }
+        let index = (bits(offset.x, 0) | bits(offset.y, 1) | bits(offset.z, 2)) as u16;
+        Self { index, layer, plane }
     }
 
     /// The detail voxel in a grid of detail voxels, `detail` along an edge of `voxel`.
@@ -38,12 +40,6 @@ impl DetailVoxel {
         let index = i32::from(self.index);
         let along = |axis: i32| index >> (2 * axis) & 3 | (index >> (6 + axis) & 1) << 2;
         voxel * detail.cast_signed() + IVec3::new(along(0), along(1), along(2))
-    }
-
-    /// See [`Self::plane`]; in detail voxel edges, 0..=1.
-    #[must_use]
-    pub fn plane_offset(self) -> f32 {
-        f32::from(self.plane) / Self::PLANE_STEPS
     }
 }
 
@@ -65,10 +61,11 @@ impl ReceiverPlace {
         Self { voxel, direction, detail: None }
     }
 
-    /// What places ascend by: voxel (x, y, z), then direction, then detail voxel.
+    /// What places ascend by: voxel (x, y, z), then direction, then detail voxel, then layer.
     #[must_use]
-    pub fn order(&self) -> ([i32; 3], Direction, u16) {
-        (self.voxel.to_array(), self.direction, self.detail.map_or(0, |detail| detail.index))
+    pub fn order(&self) -> ([i32; 3], Direction, (u16, u8)) {
+        let part = self.detail.map_or((0, 0), |detail| (detail.index, detail.layer));
+        (self.voxel.to_array(), self.direction, part)
     }
 }
 
@@ -99,12 +96,11 @@ mod tests {
     #[test]
     fn detail_voxels_have_coordinates_of_their_own() {
         for (detail, last) in [(2, 1), (4, 3), (8, 7), (8, 5)] {
-            let part = DetailVoxel::new(IVec3::new(last, 0, 1), 0.5);
+            let part = DetailVoxel::new(IVec3::new(last, 0, 1), 3, SurfacePlane::new(glam::Vec3::Y, 0.0));
             let voxel = VoxelCoord::new(-3, 0, 7);
             let coord = part.coord(voxel, detail);
             assert_eq!(coord, voxel * detail as i32 + IVec3::new(last, 0, 1));
             assert_eq!(coord.div_euclid(IVec3::splat(detail as i32)), voxel);
-            assert!((part.plane_offset() - 0.5).abs() <= 0.5 / DetailVoxel::PLANE_STEPS);
         }
     }
 }

@@ -1,8 +1,8 @@
 // The lookup rule: what light a point with a normal reads from the voxels around it.
 //
 // Paste into a shader that holds a volume as the client library lays it out (`client-lib/volume`): one place
-// a voxel (0 for dark, else one more than the index of its block), one block a lit voxel. The Rust twin is
-// `earthshine_volume::lookup`.
+// a voxel (0 for dark, else one more than the index of its block), one block a lit voxel; of layers of detail the places of
+// one after those of the other. The Rust twin is `earthshine_volume::lookup`.
 
 // How far a point reads in front of its surface, in voxels.
 const NORMAL_OFFSET_VOXELS: f32 = 0.25;
@@ -14,6 +14,10 @@ const AIR_FLOOR: f32 = 0.75;
 const WEIGHT_MIN: f32 = 1e-6;
 // At this distance from its plane, in voxels, a value counts half.
 const PLANE_REACH_VOXELS: f32 = 0.1;
+// At this distance from its tilted plane, in voxels, a value counts a quarter.
+const TILT_REACH_VOXELS: f32 = 0.1;
+// A value whose normal differs by this, as the sine of half the angle, counts a quarter.
+const TURN_REACH: f32 = 0.05;
 // Steps between the two sides of a voxel; codes of planes are one more than the step, 0 for unknown.
 const PLANE_STEPS: f32 = 254.0;
 
@@ -22,13 +26,14 @@ struct VolumeLayout {
     voxel_edge_m: f32,      // 12  m
     dims: vec3<u32>,        // 16  voxels along the axes
     level: u32,             // 28  0 is the finest
-}                           // 32
+    layers: u32,            // 32  of detail: volumes in one place; 1 where there is no detail
+}                           // 48
 
 struct VoxelBlock {
     present: u32,                 //  0  bit a: direction a has light; bit 8 + a: it is the air's (a receiver's)
     irradiance: array<u32, 6>,    //  4  RGB9E5, lx, in the order +X -X +Y -Y +Z -Z
-    planes: array<u32, 2>,        // 28  one byte a direction, lowest first: where its surface lies
-}                                 // 36
+    planes: array<u32, 6>,        // 28  bytes, lowest first: where its surface lies, and its tilted plane's three
+}                                 // 52
 
 @group(0) @binding(0) var<uniform> volume_layout: VolumeLayout;
 @group(0) @binding(1) var<storage, read> volume_places: array<u32>;
@@ -40,14 +45,14 @@ fn decode_rgb9e5(packed: u32) -> vec3<f32> {
     return vec3<f32>(f32(packed & 511u), f32((packed >> 9u) & 511u), f32((packed >> 18u) & 511u)) * scale;
 }
 
-// Place of `voxel`'s block plus one; 0 where it has no light or lies outside.
-fn place_of(voxel: vec3<i32>) -> u32 {
+// Place of `voxel`'s block in layer `layer` plus one; 0 where it has no light or lies outside.
+fn place_of(voxel: vec3<i32>, layer: u32) -> u32 {
     let local = voxel - volume_layout.origin;
     let dims = vec3<i32>(volume_layout.dims);
     if any(local < vec3<i32>(0)) || any(local >= dims) {
         return 0u;
     }
-    return volume_places[u32(local.x + dims.x * (local.y + dims.y * local.z))];
+    return volume_places[u32(local.x + dims.x * (local.y + dims.y * (local.z + dims.z * i32(layer))))];
 }
 
 // How much a value with plane `code` counts for a point `height` voxels above the low side of its voxel.
@@ -59,39 +64,64 @@ fn nearness(code: u32, height: f32) -> f32 {
     return 1.0 / (1.0 + distance * distance);
 }
 
+// How much a value with plane code `planes` on an axis counts for a point `from_middle` voxels from the middle of its voxel,
+// on a surface with unit `normal`.
+fn trust(planes: u32, axis: u32, from_middle: vec3<f32>, normal: vec3<f32>) -> f32 {
+    let tilt = (vec3<u32>(planes) >> vec3<u32>(8u, 16u, 24u)) & vec3<u32>(255u);
+    if any(tilt == vec3<u32>(0u)) {
+        return nearness(planes & 255u, from_middle[axis] + 0.5);
+    }
+    let flat = (vec2<f32>(tilt.xy) - 128.0) / 127.0;
+    let z = 1.0 - abs(flat.x) - abs(flat.y);
+    let fold = max(-z, 0.0);
+    let own = normalize(vec3<f32>(flat - select(vec2<f32>(-fold), vec2<f32>(fold), flat >= vec2<f32>(0.0)), z));
+    let distance = ((f32(tilt.z) - 1.0) / PLANE_STEPS - 0.5) * sqrt(3.0);
+    let off = (dot(from_middle, own) - distance) / TILT_REACH_VOXELS;
+    let turned = 0.5 * length(normal - own) / TURN_REACH;
+    let difference = 1.0 + off * off + turned * turned;
+    return 1.0 / (difference * difference);
+}
+
 // rgb: irradiance, lx; a: 1 where there is light, else 0.
 fn lookup_irradiance(position: vec3<f32>, normal: vec3<f32>) -> vec4<f32> {
     let local = position / volume_layout.voxel_edge_m + NORMAL_OFFSET_VOXELS * normal - 0.5;
     let low = floor(local);
     let fraction = local - low;
-    // Of the surface itself, in voxels from the low corner of voxel `low`.
-    let surface = fraction + 0.5 - NORMAL_OFFSET_VOXELS * normal;
+    // Of the surface itself, in voxels from the middle of voxel `low`.
+    let surface = fraction - NORMAL_OFFSET_VOXELS * normal;
     // Light times weight, and weight, by direction.
     var surfaces = array<vec4<f32>, 6>();
     var airs = array<vec4<f32>, 6>();
-    // Without nearness.
+    // Without trust.
     var surface_weights = array<f32, 6>();
     for (var corner = 0u; corner < 8u; corner++) {
         let step = vec3<u32>(corner & 1u, (corner >> 1u) & 1u, corner >> 2u);
-        let place = place_of(vec3<i32>(low) + vec3<i32>(step));
-        if place == 0u {
-            continue;
-        }
         let along = select(1.0 - fraction, fraction, step == vec3<u32>(1u));
         let weight = along.x * along.y * along.z;
-        let present = volume_blocks[place - 1u].present;
-        for (var direction = 0u; direction < 6u; direction++) {
-            if ((present >> direction) & 1u) == 1u {
-                let light = vec4<f32>(decode_rgb9e5(volume_blocks[place - 1u].irradiance[direction]), 1.0) * weight;
-                if ((present >> (direction + 8u)) & 1u) == 1u {
-                    airs[direction] += light;
-                } else {
-                    let axis = direction / 2u;
-                    let code = (volume_blocks[place - 1u].planes[direction / 4u] >> (8u * (direction % 4u))) & 255u;
-                    surfaces[direction] += light * nearness(code, surface[axis] - f32(step[axis]));
-                    surface_weights[direction] += weight;
+        let from_middle = surface - vec3<f32>(step);
+        // Directions with light of a surface in any layer.
+        var found = 0u;
+        for (var layer = 0u; layer < volume_layout.layers; layer++) {
+            let place = place_of(vec3<i32>(low) + vec3<i32>(step), layer);
+            if place == 0u {
+                continue;
+            }
+            let present = volume_blocks[place - 1u].present;
+            found |= present & ~(present >> 8u) & 63u;
+            for (var direction = 0u; direction < 6u; direction++) {
+                if ((present >> direction) & 1u) == 1u {
+                    let light = vec4<f32>(decode_rgb9e5(volume_blocks[place - 1u].irradiance[direction]), 1.0) * weight;
+                    if ((present >> (direction + 8u)) & 1u) == 1u {
+                        airs[direction] += light;
+                    } else {
+                        let planes = volume_blocks[place - 1u].planes[direction];
+                        surfaces[direction] += light * trust(planes, direction / 2u, from_middle, normal);
+                    }
                 }
             }
+        }
+        for (var direction = 0u; direction < 6u; direction++) {
+            surface_weights[direction] += select(0.0, weight, ((found >> direction) & 1u) == 1u);
         }
     }
     var total = vec4<f32>(0.0);

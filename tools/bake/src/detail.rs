@@ -10,6 +10,7 @@
 
 use crate::emitted::FromEmitter;
 use crate::estimator::emits;
+use crate::layers::layers_of;
 use crate::patches::{BakePatch, PatchSet};
 use crate::receivers::{BakeReceiver, thin};
 use crate::rows::{RawRow, RowCaster};
@@ -17,7 +18,7 @@ use crate::sample::{SurfaceSample, voxel_of};
 use crate::spread::Spread;
 use earthshine_tiles::BakeParameters;
 use earthshine_world::random::{Purpose, hash, unit_f32};
-use earthshine_world::{DetailVoxel, Direction, ReceiverPlace, VoxelCoord};
+use earthshine_world::{DetailVoxel, Direction, Patch, ReceiverPlace, SurfacePlane, Vec3, VoxelCoord};
 use glam::IVec3;
 use rayon::prelude::*;
 
@@ -25,8 +26,8 @@ use rayon::prelude::*;
 /// lies a hair outside of it.
 pub(crate) fn detail_voxel_of(
     voxel: VoxelCoord,
-    position: earthshine_world::Vec3,
-    normal: earthshine_world::Vec3,
+    position: Vec3,
+    normal: Vec3,
     parameters: &BakeParameters,
 ) -> VoxelCoord {
     let detail = parameters.detail.cast_signed();
@@ -57,19 +58,27 @@ impl DetailBake<'_> {
     pub(crate) fn receivers(&self, chunk: [i32; 3], emitted: &[FromEmitter]) -> (Vec<BakeReceiver>, u64) {
         let (samples, parts) = self.parts(chunk);
         let caster = RowCaster { samples: &samples, ..self.caster };
-        let rows: Vec<RawRow> = parts
-            .patches
+        // Layers of one detail voxel and direction lie side by side.
+        let is_same = |a: &BakePatch, b: &BakePatch| {
+            (a.patch.voxel, a.patch.direction) == (b.patch.voxel, b.patch.direction)
+        };
+        let runs: Vec<&[BakePatch]> = parts.patches.chunk_by(is_same).collect();
+        let mut receivers: Vec<BakeReceiver> = runs
             .par_iter()
-            .map(|part| {
-                let id = detail_id(part.patch.voxel, part.patch.direction, self.caster.parameters);
-                let first = emitted.partition_point(|from| from.detail < id);
-                let of_part = &emitted[first..];
-                let end = of_part.partition_point(|from| from.detail == id);
-                self.row(&caster, part, &of_part[..end])
+            .flat_map_iter(|layers| {
+                let of_part = emitted_to(emitted, &layers[0], self.caster.parameters);
+                // What emitters say is said of the detail voxel as a whole.
+                let emitted = (layers.len() == 1).then_some(of_part);
+                let row = |(layer, part)| {
+                    let place = self.place(part, layer, &samples)?;
+                    Some(BakeReceiver { place, row: self.row(&caster, part, emitted) })
+                };
+                (0u8..).zip(*layers).filter_map(row).collect::<Vec<_>>()
             })
             .collect();
-        let cast = rows.len() as u64 * u64::from(self.caster.parameters.detail_rays);
-        (self.placed(&parts.patches, rows), cast)
+        receivers.sort_by_key(|receiver| receiver.place.order());
+        let cast = receivers.len() as u64 * u64::from(self.caster.parameters.detail_rays);
+        (receivers, cast)
     }
 
     /// The chunk's samples, and what they make up in each of its detail voxels.
@@ -81,16 +90,19 @@ impl DetailBake<'_> {
             SurfaceSample { voxel, ..*sample }
         };
         let samples: Vec<SurfaceSample> = self.caster.samples.iter().filter(is_own).map(in_detail).collect();
-        let parts = PatchSet::group(&samples, &parameters.of_detail_voxels());
+        let parameters = parameters.of_detail_voxels();
+        let parts = PatchSet::of_layers(&samples, &layers_of(&samples, &parameters), &parameters);
         (samples, parts)
     }
 
     /// The row of `part`: other random numbers than those of the patch with the same coordinates.
-    fn row(&self, caster: &RowCaster<'_>, part: &BakePatch, emitted: &[FromEmitter]) -> RawRow {
+    fn row(&self, caster: &RowCaster<'_>, part: &BakePatch, emitted: Option<&[FromEmitter]>) -> RawRow {
         let BakeParameters { seed, detail_rays, detail_columns, method, .. } = *caster.parameters;
         let spread = Spread::new(method.spread, detail_rays, seed, !part.key);
         let mut row = caster.cast(part, &spread, 0..detail_rays);
-        self.with_emitters(&mut row, part.patch.area, emitted);
+        if let Some(emitted) = emitted {
+            self.with_emitters(&mut row, part.patch.area, emitted);
+        }
         let draw = unit_f32(hash(seed, Purpose::ReceiverRay, !part.key, 0));
         thin(&mut row.entries, detail_columns as usize, draw, |patch| emits(caster.set, patch as usize));
         row
@@ -136,25 +148,38 @@ impl DetailBake<'_> {
         self.caster.set.patches[patch as usize].patch.area
     }
 
-    /// Parts of patches that there are, with their places.
-    fn placed(&self, parts: &[BakePatch], rows: Vec<RawRow>) -> Vec<BakeReceiver> {
+    /// Where the receiver of `part`, made of `samples`, is; `None` where its voxel has no patch.
+    fn place(&self, part: &BakePatch, layer: u8, samples: &[SurfaceSample]) -> Option<ReceiverPlace> {
         let parameters = self.caster.parameters;
         let detail = parameters.detail.cast_signed();
         let edge_m = parameters.grid.voxel_edge_m / detail as f32;
-        let place = |part: &BakePatch| {
-            let coord: VoxelCoord = part.patch.voxel;
-            let voxel = coord.div_euclid(IVec3::splat(detail));
-            let in_voxel = DetailVoxel::new(coord - voxel * detail, part.patch.plane_offset(edge_m));
-            ReceiverPlace { voxel, direction: part.patch.direction, detail: Some(in_voxel) }
-        };
-        let has_patch = |place: &ReceiverPlace| {
-            self.caster.set.of_voxel(place.voxel)[place.direction.index()] != PatchSet::NONE
-        };
-        let placed = parts.iter().zip(rows).map(|(part, row)| BakeReceiver { place: place(part), row });
-        let mut placed: Vec<BakeReceiver> = placed.filter(|receiver| has_patch(&receiver.place)).collect();
-        placed.sort_by_key(|receiver| receiver.place.order());
-        placed
+        let BakePatch { patch: Patch { voxel: coord, direction, centroid, .. }, .. } = *part;
+        let voxel = coord.div_euclid(IVec3::splat(detail));
+        let has_patch = self.caster.set.of_voxel(voxel)[direction.index()] != PatchSet::NONE;
+        let before = std::iter::once(0.0).chain(part.samples.iter().map(|&(_, cumulated)| cumulated));
+        let normal = part
+            .samples
+            .iter()
+            .zip(before)
+            .map(|(&(sample, cumulated), before)| samples[sample as usize].normal * (cumulated - before));
+        let normal = normal.sum::<Vec3>().normalize_or(direction.vector());
+        let from_middle = centroid / edge_m - (coord.as_vec3() + 0.5);
+        let plane = SurfacePlane::new(normal, from_middle.dot(normal));
+        let detail = Some(DetailVoxel::new(coord - voxel * detail, layer, plane));
+        has_patch.then_some(ReceiverPlace { voxel, direction, detail })
     }
+}
+
+/// Of `emitted`: what is of the detail voxel and direction of `part`.
+fn emitted_to<'e>(
+    emitted: &'e [FromEmitter],
+    part: &BakePatch,
+    parameters: &BakeParameters,
+) -> &'e [FromEmitter] {
+    let id = detail_id(part.patch.voxel, part.patch.direction, parameters);
+    let first = emitted.partition_point(|from| from.detail < id);
+    let of_part = &emitted[first..];
+    &of_part[..of_part.partition_point(|from| from.detail == id)]
 }
 
 /// What a row sees of all emitters, if its own rays say `own` and theirs say `theirs`, a first guess is `guess`, and the

@@ -1,6 +1,6 @@
 //! The stage that traces detail, chunk by chunk ([`crate::detail`]). What it comes to stays in the work folder:
 //!
-//! │ receivers u32 │ place: voxel 3 x i32, direction u8, detail voxel u8, plane u8, 0 │ run: bytes u32, rows as in row files │
+//! │ receivers u32 │ place: voxel 3 x i32, direction u8, layer u8, detail voxel u16, plane 3 x u8, 0 │ run: bytes u32, rows as in row files │
 //!
 //! A run has [`RUN_ROWS`] rows, the last one what is left.
 
@@ -20,13 +20,15 @@ use crate::tracing::caster;
 use crate::words::{Reader, Writer};
 use crate::work_folder::{Kind, Stale, Stamp};
 use earthshine_tiles::{BakeParameters, PatchBuilder};
-use earthshine_world::{DetailVoxel, Direction, Grid, ReceiverPlace, VoxelCoord};
+use earthshine_world::{DetailVoxel, Direction, Grid, ReceiverPlace, SurfacePlane, VoxelCoord};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Rows are numbered by `u16` in row files.
 const RUN_ROWS: usize = 1 << 16;
+/// Which way of making and writing receivers: what was kept by another is of no use.
+const PAYLOAD_VERSION: u64 = 2;
 /// Bytes of a place.
-const PLACE_BYTES: usize = 16;
+const PLACE_BYTES: usize = 20;
 
 /// Whether a bake by `parameters` has detail: clusters have none.
 pub(crate) fn has_detail(parameters: &BakeParameters) -> bool {
@@ -42,7 +44,7 @@ pub(crate) fn trace(run: &mut Run<'_>, known: &Known<'_>) -> Result<(), BakeErro
     run.progress.begin(Stage::Detail, set.len() as u64);
     let (emitted, emitter_cast) = EmittedFiles::trace(run, known)?;
     let emitter_rays = emitter_rays(set, parameters);
-    let key = xxh3_64(bytemuck::bytes_of(&[known.key, u64::from(emitter_rays)]));
+    let key = xxh3_64(bytemuck::bytes_of(&[known.key, u64::from(emitter_rays), PAYLOAD_VERSION]));
     let chunks: Vec<[i32; 3]> = set.chunks.keys().copied().collect();
     let done = for_all(&run.visits(set), |number| {
         let chunk = chunks[number];
@@ -100,10 +102,12 @@ fn encode(receivers: Vec<BakeReceiver>, set: &PatchSet, grid: &Grid) -> Vec<u8> 
     out.u32(receivers.len() as u32);
     let mut rows = Vec::with_capacity(receivers.len());
     for BakeReceiver { place, row } in receivers {
-        let DetailVoxel { index, plane } = place.detail.expect("detail is of detail voxels");
-        let [low, high] = index.to_le_bytes();
+        let DetailVoxel { index, layer, plane } = place.detail.expect("detail is of detail voxels");
+        let ([low, high], [x, y]) = (index.to_le_bytes(), plane.normal);
         out.i32s(place.voxel.to_array());
-        out.u32(u32::from_le_bytes([place.direction as u8, low, plane, high]));
+        out.u32s(
+            [[place.direction as u8, layer, low, high], [x, y, plane.distance, 0]].map(u32::from_le_bytes),
+        );
         rows.push(row);
     }
     for run in rows.chunks(RUN_ROWS) {
@@ -119,10 +123,11 @@ fn decode(payload: &[u8], set: &PatchSet, grid: &Grid) -> Option<Vec<BakeReceive
     let count = reader.count(PLACE_BYTES)?;
     let place = |reader: &mut Reader<'_>| {
         let voxel = VoxelCoord::from_array(reader.i32s()?);
-        let [direction, low, plane, high] = reader.u32()?.to_le_bytes();
+        let [direction, layer, low, high] = reader.u32()?.to_le_bytes();
+        let [x, y, distance, _] = reader.u32()?.to_le_bytes();
         let direction = Direction::from_index(direction)?;
-        let index = u16::from_le_bytes([low, high]);
-        Some(ReceiverPlace { voxel, direction, detail: Some(DetailVoxel { index, plane }) })
+        let (index, plane) = (u16::from_le_bytes([low, high]), SurfacePlane { normal: [x, y], distance });
+        Some(ReceiverPlace { voxel, direction, detail: Some(DetailVoxel { index, layer, plane }) })
     };
     let places = (0..count).map(|_| place(&mut reader)).collect::<Option<Vec<_>>>()?;
     let mut rows: Vec<RawRow> = Vec::with_capacity(count);

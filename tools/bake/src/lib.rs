@@ -49,6 +49,7 @@ pub mod hidden;
 pub mod identity;
 mod inquiry;
 mod kept_rows;
+mod layers;
 pub mod memory;
 mod offload;
 pub mod overlap;

@@ -3,6 +3,7 @@
 use crate::clusters::ClusterOf;
 use crate::exposure::Exposure;
 use crate::hidden::{HiddenPlaces, PieceSample};
+use crate::layers::LayersOfSample;
 use crate::places::{ClusterPlaces, Owners, Place, Places};
 use crate::rows::patch_key;
 use crate::sample::{SurfaceSample, side_weights};
@@ -15,6 +16,9 @@ use std::collections::BTreeMap;
 /// Patches below this share of a voxel's face that do not emit are left out: slivers where geometry grazes a
 /// voxel would be noise to every lookup. What hits them is booked as absorbed.
 const AREA_MIN: f32 = 1e-4;
+
+/// Ordinals below it are of directions or of clusters; layers count in steps of it.
+const LAYER_ORDINALS: u8 = 16;
 
 /// A patch with everything the bake needs to know of it.
 #[derive(Debug, Clone)]
@@ -150,6 +154,15 @@ impl PatchSet {
     /// Groups `samples` into axis-aligned patches.
     #[must_use]
     pub fn group(samples: &[SurfaceSample], parameters: &BakeParameters) -> Self {
+        Self::of_sides(samples, |_, _| 0, parameters)
+    }
+
+    /// One patch a voxel, direction and layer.
+    fn of_sides(
+        samples: &[SurfaceSample],
+        layer: impl Fn(usize, Direction) -> u8,
+        parameters: &BakeParameters,
+    ) -> Self {
         let grid = parameters.grid;
         let mut contributions: Vec<Contribution> = Vec::with_capacity(samples.len());
         for (index, sample) in samples.iter().enumerate() {
@@ -158,8 +171,9 @@ impl PatchSet {
             }
             for (direction, weight) in side_weights(parameters.weights, sample.normal) {
                 if weight > 0.0 {
+                    let ordinal = direction as u8 + layer(index, direction) * LAYER_ORDINALS;
                     contributions.push(Contribution {
-                        key: sort_key(&grid, sample.voxel, direction, direction as u8),
+                        key: sort_key(&grid, sample.voxel, direction, ordinal),
                         sample: index as u32,
                         weight: weight * sample.area,
                     });
@@ -168,6 +182,15 @@ impl PatchSet {
         }
         let places = Places::Axis { by_voxel: VoxelMap::default(), weights: parameters.weights };
         Self::from_contributions(contributions, samples, &grid, places)
+    }
+
+    /// Groups `samples` by voxel, direction and layer; `layers` says which one each belongs to on each direction.
+    pub(crate) fn of_layers(
+        samples: &[SurfaceSample],
+        layers: &[LayersOfSample],
+        parameters: &BakeParameters,
+    ) -> Self {
+        Self::of_sides(samples, |sample, direction| layers[sample][direction.index()], parameters)
     }
 
     /// Makes one patch of each cluster; `clusters` says which one each of `samples` belongs to.
@@ -264,6 +287,12 @@ fn sort_key(grid: &Grid, voxel: VoxelCoord, direction: Direction, ordinal: u8) -
     (chunk.to_array(), direction, morton(local.to_array()), ordinal)
 }
 
+/// What random numbers of a patch hang on: with layers, what those of the patch without them do, and the layer.
+fn key_of(voxel: VoxelCoord, ordinal: u8) -> u64 {
+    let layer = u64::from(ordinal / LAYER_ORDINALS);
+    patch_key(voxel, usize::from(ordinal % LAYER_ORDINALS)) ^ layer.wrapping_mul(0x9E37_79B9_7F4A_7C15)
+}
+
 /// Interleaves the low ten bits of three numbers.
 pub(crate) fn morton(local: [i32; 3]) -> u32 {
     let spread = |value: i32| (0..10).fold(0u32, |code, bit| code | ((value as u32 >> bit & 1) << (3 * bit)));
@@ -317,7 +346,7 @@ fn merge(
             point_first: 0,
             point_count: 0,
         },
-        key: patch_key(voxel, usize::from(ordinal)),
+        key: key_of(voxel, ordinal),
         samples: cumulated,
     }
 }

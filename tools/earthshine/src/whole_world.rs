@@ -180,37 +180,40 @@ impl WholeWorld {
             let plane = plane::encode(patch.plane_offset(edge));
             volume.set_plane(patch.voxel, patch.direction.index(), plane);
         }
-        let mut detail = self.detail_volume(layout)?;
+        let mut details = self.detail_volumes(layout)?;
         let exitance = self.exitance(light);
         for chunk in &self.chunks {
             for (place, (all, sky)) in
                 chunk.receivers.places.iter().zip(self.received(chunk, light, &exitance)?)
             {
                 let direction = place.direction.index();
-                match (place.detail, &mut detail) {
-                    (Some(part), Some(detail)) => {
-                        let coord = part.coord(place.voxel, self.manifest.parameters.detail);
-                        detail.set_patch(coord, direction, all, sky, u8::MAX);
-                        detail.set_plane(coord, direction, plane::encode(part.plane_offset()));
-                    }
-                    _ => {
-                        volume.set_receiver(place.voxel, direction, all, sky, u8::MAX);
-                    }
+                let Some(part) = place.detail else {
+                    volume.set_receiver(place.voxel, direction, all, sky, u8::MAX);
+                    continue;
+                };
+                if let Some(detail) = details.get_mut(usize::from(part.layer)) {
+                    let coord = part.coord(place.voxel, self.manifest.parameters.detail);
+                    detail.set_patch(coord, direction, all, sky, u8::MAX);
+                    detail.set_tilt(coord, direction, part.plane.code());
                 }
             }
         }
-        Ok(detail.into_iter().chain([volume]).collect())
+        Ok(details.into_iter().chain([volume]).collect())
     }
 
-    /// An empty volume of the detail voxels in the voxels of `layout`; `None` where the level has none.
-    fn detail_volume(&self, layout: Layout) -> anyhow::Result<Option<Volume>> {
+    /// An empty volume of the detail voxels in the voxels of `layout` for each layer; none where the level has no detail.
+    fn detail_volumes(&self, layout: Layout) -> anyhow::Result<Vec<Volume>> {
         if !self.has_detail() {
-            return Ok(None);
+            return Ok(Vec::new());
         }
         let detail = self.manifest.parameters.detail;
         let voxel_edge_m = layout.voxel_edge_m / detail as f32;
         let origin = layout.origin * detail.cast_signed();
-        Ok(Some(Volume::new(Layout { origin, dims: layout.dims * detail, voxel_edge_m, ..layout })?))
+        let empty = Volume::new(Layout { origin, dims: layout.dims * detail, voxel_edge_m, ..layout })?;
+        let parts =
+            self.chunks.iter().flat_map(|chunk| &chunk.receivers.places).filter_map(|place| place.detail);
+        let layers = parts.map(|part| usize::from(part.layer) + 1).max().unwrap_or(1);
+        Ok(vec![empty; layers])
     }
 
     /// What leaves each patch, `B = E + rho I`, lm/m2.

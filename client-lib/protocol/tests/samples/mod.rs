@@ -94,6 +94,7 @@ fn hello() -> v1::Hello {
         world: Some("town".to_owned()),
         volumes: vec![v1::VolumeWanted { level: 1, dims_max: Some(dims()) }],
         detail: true,
+        detail_layers: 3,
     }
 }
 
@@ -165,6 +166,7 @@ fn delta() -> v1::Delta {
         light_unit_lx: 16.0,
         far: vec![0, 64, 200],
         staleness: vec![0, 1, 7],
+        tilt: vec![128, 128, 64, 0, 0, 0, 255, 128, 255],
     }
 }
 

@@ -5,7 +5,7 @@ use super::harness::{ALICE, Harness, generous, lamp};
 use super::world::{RandomWorld, WorldShape};
 use crate::{Frame, PatchLight};
 use earthshine_world::{
-    ChunkRows, DetailVoxel, Direction, LightRig, ReceiverPlace, Receivers, Rgb, Sky, Vec3,
+    ChunkRows, DetailVoxel, Direction, LightRig, ReceiverPlace, Receivers, Rgb, Sky, SurfacePlane, Vec3,
 };
 use glam::IVec3;
 use std::collections::BTreeMap;
@@ -23,7 +23,8 @@ pub(super) fn world(seed: u64) -> RandomWorld {
         let chunk = Arc::make_mut(chunk);
         let mut details: Vec<(ReceiverPlace, usize)> = Vec::new();
         for (local, patch) in chunk.patches.iter().enumerate() {
-            let detail = Some(DetailVoxel::new(OFFSET, 0.25));
+            let plane = SurfacePlane::new(patch.direction.vector(), 0.25);
+            let detail = Some(DetailVoxel::new(OFFSET, 0, plane));
             details.push((ReceiverPlace { voxel: patch.voxel, direction: patch.direction, detail }, local));
         }
         details.sort_by_key(|(place, _)| place.order());
@@ -72,7 +73,9 @@ fn a_detail_voxel_with_its_patch_s_row_has_its_patch_s_light() {
             assert_eq!(detail.sky_irradiance, patch.sky_irradiance);
             assert!((detail.known_share - patch.known_share).abs() < 1e-5);
             assert!((detail.fed_share - patch.fed_share).abs() < 1e-5);
-            assert!((detail.plane_offset.unwrap() - 0.25).abs() < 0.01);
+            assert_eq!(detail.tilt, Some(SurfacePlane::new(patch.direction.vector(), 0.25)));
+            let offset = if patch.direction.vector().element_sum() > 0.0 { 0.75 } else { 0.25 };
+            assert!((detail.plane_offset.unwrap() - offset).abs() < 0.01);
         }
     }
 }

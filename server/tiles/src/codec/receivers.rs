@@ -2,55 +2,192 @@
 
 use super::{Decoded, planes};
 use bytemuck::{Pod, Zeroable};
-use earthshine_world::{DetailVoxel, Direction, ReceiverPlace, VoxelCoord};
+use earthshine_world::{DetailVoxel, Direction, ReceiverPlace, SurfacePlane, VoxelCoord};
 
 /// Bytes of a place before zstd.
-pub(crate) const RECORD_BYTES: usize = size_of::<ReceiverRecord>();
-const _: () = assert!(RECORD_BYTES == 16, "a receiver's place is 16 bytes before zstd");
+const RECORD_BYTES: usize = size_of::<ReceiverRecord>();
+const _: () = assert!(RECORD_BYTES == 18, "a receiver's place is 18 bytes before zstd");
+
+/// Bytes of a place before tiles had layers.
+const UNLAYERED_RECORD_BYTES: usize = size_of::<UnlayeredRecord>();
+const _: () = assert!(UNLAYERED_RECORD_BYTES == 16, "a receiver's place was 16 bytes before zstd");
+
+/// The version of the format that brought layers.
+const LAYERED_VERSION: u32 = 5;
 
 /// A [`ReceiverPlace`] on disk.
 #[derive(Clone, Copy, Pod, Zeroable)]
-#[repr(C)]
+#[repr(C, packed)]
 struct ReceiverRecord {
-    voxel: [i32; 3],
-    direction: u8,
-    /// 0 in the air, else one more than the index of its detail voxel; here its low byte.
-    detail: u8,
-    plane: u8,
-    detail_high: u8,
+    place: UnlayeredRecord,
+    /// See [`SurfacePlane`]; zeros in the air.
+    normal: [u8; 2],
 }
 
+/// The same of tiles without layers: planes are square to their direction.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C, packed)]
+struct UnlayeredRecord {
+    voxel: [i32; 3],
+    direction: u8,
+    /// Low byte of the part: 0 in the air, else one more than the index of its detail voxel in ten bits; above them its
+    /// layer.
+    part_low: u8,
+    /// With layers [`SurfacePlane::distance`]; without, 254ths of the detail voxel's edge from its low side.
+    plane: u8,
+    part_high: u8,
+}
+
+/// Bits of a part that name its detail voxel.
+const INDEX_BITS: u32 = 10;
+
 pub(crate) fn encode(places: &[ReceiverPlace]) -> Vec<u8> {
-    let records: Vec<_> = places
-        .iter()
-        .map(|place| {
-            let [detail, detail_high] = place.detail.map_or(0, |detail| detail.index + 1).to_le_bytes();
-            let plane = place.detail.map_or(0, |detail| detail.plane);
-            let (voxel, direction) = (place.voxel.to_array(), place.direction as u8);
-            ReceiverRecord { voxel, direction, detail, plane, detail_high }
-        })
-        .collect();
+    let record = |place: &ReceiverPlace| {
+        let part = |detail: DetailVoxel| (detail.index + 1) | u16::from(detail.layer) << INDEX_BITS;
+        let [part_low, part_high] = place.detail.map_or(0, part).to_le_bytes();
+        let plane = place.detail.map(|detail| detail.plane);
+        let (voxel, direction) = (place.voxel.to_array(), place.direction as u8);
+        let distance = plane.map_or(0, |plane| plane.distance);
+        let place = UnlayeredRecord { voxel, direction, part_low, plane: distance, part_high };
+        ReceiverRecord { place, normal: plane.map_or([0; 2], |plane| plane.normal) }
+    };
+    let records: Vec<_> = places.iter().map(record).collect();
     planes::split(bytemuck::cast_slice(&records), RECORD_BYTES)
 }
 
-pub(crate) fn decode(raw: &[u8]) -> Decoded<Vec<ReceiverPlace>> {
-    let places = planes::join_as::<ReceiverRecord>(raw)
-        .into_iter()
-        .map(|record| {
-            let ReceiverRecord { voxel, direction, detail, plane, detail_high } = record;
-            let direction = Direction::from_index(direction)
-                .ok_or_else(|| format!("a receiver faces direction {direction}"))?;
-            let detail = u16::from_le_bytes([detail, detail_high]);
-            let detail = match detail.checked_sub(1) {
-                None if plane == 0 => None,
-                Some(index) if u32::from(index) < DetailVoxel::PER_EDGE_MAX.pow(3) && plane < u8::MAX => {
-                    Some(DetailVoxel { index, plane })
-                }
-                _ => return Err(format!("a receiver is in detail voxel {detail} at {plane}")),
-            };
-            Ok(ReceiverPlace { voxel: VoxelCoord::from_array(voxel), direction, detail })
-        })
-        .collect::<Decoded<Vec<_>>>()?;
+/// Bytes of a place in a tile of format `version`.
+pub(crate) fn record_bytes(version: u32) -> u64 {
+    if version < LAYERED_VERSION { UNLAYERED_RECORD_BYTES as u64 } else { RECORD_BYTES as u64 }
+}
+
+/// The places in a tile of format `version`.
+pub(crate) fn decode(raw: &[u8], version: u32) -> Decoded<Vec<ReceiverPlace>> {
+    if version < LAYERED_VERSION { decode_unlayered(raw) } else { decode_layered(raw) }
+}
+
+fn decode_layered(raw: &[u8]) -> Decoded<Vec<ReceiverPlace>> {
+    let place = |record: ReceiverRecord| {
+        let (distance, normal) = (record.place.plane, record.normal);
+        let is_plane = distance <= SurfacePlane::STEPS && normal.iter().all(|&code| code > 0);
+        record.place.decode(|_, _| is_plane.then_some(SurfacePlane { normal, distance }), normal == [0; 2])
+    };
+    checked(planes::join_as::<ReceiverRecord>(raw).into_iter().map(place))
+}
+
+fn decode_unlayered(raw: &[u8]) -> Decoded<Vec<ReceiverPlace>> {
+    let plane = |direction: Direction, plane: u8| {
+        let offset = f32::from(plane) / f32::from(SurfacePlane::STEPS) - 0.5;
+        let normal = direction.vector();
+        (plane <= SurfacePlane::STEPS).then(|| SurfacePlane::new(normal, offset * normal.element_sum()))
+    };
+    let is_unlayered = |record: &UnlayeredRecord| u16::from(record.part_high) >> (INDEX_BITS - 8) == 0;
+    checked(planes::join_as::<UnlayeredRecord>(raw).into_iter().map(|record| {
+        if is_unlayered(&record) {
+            record.decode(plane, true)
+        } else {
+            Err("a receiver of a tile without layers is in a layer".to_owned())
+        }
+    }))
+}
+
+impl UnlayeredRecord {
+    /// The place, its plane as `plane` says if there is one; `is_plain`: whether nothing else speaks against it being
+    /// in the air.
+    fn decode(
+        self,
+        plane: impl Fn(Direction, u8) -> Option<SurfacePlane>,
+        is_plain: bool,
+    ) -> Decoded<ReceiverPlace> {
+        let direction = Direction::from_index(self.direction)
+            .ok_or_else(|| format!("a receiver faces direction {}", self.direction))?;
+        let part = u16::from_le_bytes([self.part_low, self.part_high]);
+        let (number, layer) = (part & ((1 << INDEX_BITS) - 1), (part >> INDEX_BITS) as u8);
+        let detail = match number.checked_sub(1) {
+            None if part == 0 && self.plane == 0 && is_plain => None,
+            Some(index)
+                if u32::from(index) < DetailVoxel::PER_EDGE_MAX.pow(3) && layer < DetailVoxel::LAYERS_MAX =>
+            {
+                let plane = plane(direction, self.plane)
+                    .ok_or_else(|| format!("a receiver's plane lies at {}", self.plane))?;
+                Some(DetailVoxel { index, layer, plane })
+            }
+            _ => return Err(format!("a receiver is in part {part:#06x} at {}", self.plane)),
+        };
+        Ok(ReceiverPlace { voxel: VoxelCoord::from_array(self.voxel), direction, detail })
+    }
+}
+
+fn checked(places: impl Iterator<Item = Decoded<ReceiverPlace>>) -> Decoded<Vec<ReceiverPlace>> {
+    let places = places.collect::<Decoded<Vec<_>>>()?;
     crate::structure::check_places(&places)?;
     Ok(places)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use earthshine_world::Vec3;
+
+    fn places() -> Vec<ReceiverPlace> {
+        let voxel = VoxelCoord::new(-3, 0, 70_000);
+        let part = |x: i32, layer: u8, normal: Vec3, distance: f32| ReceiverPlace {
+            voxel,
+            direction: Direction::PosX,
+            detail: Some(DetailVoxel::new(
+                VoxelCoord::new(x, 7, 5),
+                layer,
+                SurfacePlane::new(normal, distance),
+            )),
+        };
+        let slanted = Vec3::new(0.6, -0.8, 0.0);
+        vec![
+            part(2, 0, Vec3::X, 0.25),
+            part(2, 1, slanted, -0.4),
+            part(7, 0, Vec3::X, -0.5),
+            ReceiverPlace::in_air(voxel, Direction::NegZ),
+        ]
+    }
+
+    #[test]
+    fn places_come_back_with_their_layers() {
+        let places = places();
+        assert_eq!(decode(&encode(&places), LAYERED_VERSION).unwrap(), places);
+    }
+
+    /// Goal: old tiles are read. Method: what they hold of a place are the first bytes of what is written now, with the plane's
+    /// place along the axis for its distance.
+    #[test]
+    fn places_of_tiles_without_layers_are_square_to_their_direction() {
+        let places = [places()[0], places()[3]];
+        let mut old = encode(&places)[..2 * UNLAYERED_RECORD_BYTES].to_vec();
+        let plane = 2 * std::mem::offset_of!(UnlayeredRecord, plane);
+        old[plane] = 190;
+        let read = decode(&old, LAYERED_VERSION - 1).unwrap();
+        let detail = read[0].detail.unwrap();
+        assert_eq!((detail.index, detail.layer), (places[0].detail.unwrap().index, 0));
+        assert!((detail.plane.unit_normal() - Vec3::X).length() < 1e-6);
+        assert!((detail.plane.offset_along(0) - 190.0 / 254.0).abs() < 0.01);
+        assert_eq!(read[1], places[1]);
+        old[plane] = 255;
+        assert!(decode(&old, LAYERED_VERSION - 1).unwrap_err().contains("plane"));
+        old[plane] = 190;
+        // The high byte of a part: a layer.
+        old[2 * std::mem::offset_of!(UnlayeredRecord, part_high)] |= 1 << 2;
+        assert!(decode(&old, LAYERED_VERSION - 1).unwrap_err().contains("without layers"));
+    }
+
+    #[test]
+    fn parts_and_planes_that_cannot_be_are_refused() {
+        let refused = |byte: usize, value: u8| {
+            let mut raw = encode(&places());
+            // Of the second place, the upper layer.
+            raw[4 * byte + 1] = value;
+            decode(&raw, LAYERED_VERSION).unwrap_err()
+        };
+        let at = |field: usize| std::mem::offset_of!(ReceiverRecord, place) + field;
+        assert!(refused(at(std::mem::offset_of!(UnlayeredRecord, plane)), 255).contains("plane"));
+        assert!(refused(std::mem::offset_of!(ReceiverRecord, normal), 0).contains("plane"));
+        assert!(refused(at(std::mem::offset_of!(UnlayeredRecord, part_high)), 0x3F).contains("part"));
+        assert!(refused(at(std::mem::offset_of!(UnlayeredRecord, part_low)), 0).contains("part"));
+    }
 }

@@ -10,7 +10,7 @@ use earthshine_tiles::{
 use earthshine_world::random::{Purpose, hash, unit_f32};
 use earthshine_world::{
     Bounds, Chunk, ChunkCoord, ChunkId, ChunkRows, Column, DetailVoxel, Direction, LightRig, OccluderMesh,
-    Patch, ReceiverPlace, Receivers, SamplePoint, Vec3, VoxelCoord,
+    Patch, ReceiverPlace, Receivers, SamplePoint, SurfacePlane, Vec3, VoxelCoord,
 };
 use std::path::Path;
 
@@ -67,7 +67,7 @@ pub(crate) fn random_chunk(seed: u64, patch_count: usize, row_max: usize) -> Chu
     Chunk { id, patches, points, rows, receivers, occluders }
 }
 
-/// Receivers one voxel behind the patches, about as many, and in a detail voxel of every third patch.
+/// Receivers one voxel behind the patches, about as many, and layers in a detail voxel of every third patch.
 fn random_receivers(id: ChunkId, patches: &[Patch], row_max: usize, dice: &mut Dice) -> Receivers {
     let patch_count = patches.len();
     let mut places = Vec::new();
@@ -75,8 +75,12 @@ fn random_receivers(id: ChunkId, patches: &[Patch], row_max: usize, dice: &mut D
         let most = DetailVoxel::PER_EDGE_MAX as usize;
         let mut along = || dice.below(most) as i32;
         let offset = VoxelCoord::new(along(), along(), along());
-        let detail = Some(DetailVoxel::new(offset, dice.unit()));
-        places.push(ReceiverPlace { voxel: patch.voxel, direction: patch.direction, detail });
+        for layer in 0..=dice.below(DetailVoxel::LAYERS_MAX.into()) as u8 {
+            let normal = (dice.vector() - 0.5).normalize_or(Vec3::X);
+            let plane = SurfacePlane::new(normal, dice.unit() - 0.5);
+            let detail = Some(DetailVoxel::new(offset, layer, plane));
+            places.push(ReceiverPlace { voxel: patch.voxel, direction: patch.direction, detail });
+        }
     }
     for index in 0..patch_count {
         let voxel = VoxelCoord::new(-32 + index as i32 / 9, index as i32 % 9, 81);

@@ -99,13 +99,14 @@ impl Unlit {
     /// Puts unit light of kind `index` on one patch, or puts it out.
     fn light(&mut self, (volume, voxel, direction): Asked, index: Option<usize>) {
         let volume = &mut self.volumes[volume];
-        let Some(&VoxelLight { quality, plane, .. }) = volume.at(voxel) else { return };
+        let Some(&VoxelLight { quality, plane, tilt, .. }) = volume.at(voxel) else { return };
         let unit = |first: usize| match index {
             Some(index) if (first..first + 3).contains(&index) => Vec3::AXES[index - first],
             _ => Vec3::ZERO,
         };
         volume.set_patch(voxel, direction, unit(0), unit(3), quality[direction]);
         volume.set_plane(voxel, direction, plane[direction]);
+        volume.set_tilt(voxel, direction, tilt[direction]);
     }
 }
 

@@ -61,26 +61,22 @@ struct Outcome {
     served: Vec<ReferencePoint>,
 }
 
-fn explained(
-    scene: &Scene,
-    voxel_edge_m: f32,
-    rays: u32,
-    places: &[(Vec3, Vec3)],
-    identical: bool,
-) -> Outcome {
-    let folder = tempfile::tempdir().unwrap();
-    let parameters = BakeParameters {
-        rays_per_patch: rays,
+/// Parameters for voxels of `voxel_edge_m`, without light in the air.
+fn of_surfaces(voxel_edge_m: f32) -> BakeParameters {
+    BakeParameters {
         receiver_reach_voxels: 0,
         grid: Grid { voxel_edge_m, chunk_edge_voxels: 16 },
         ..BakeParameters::default()
-    };
-    let rig = LightRig::emission_only();
+    }
+}
+
+fn baked(scene: &Scene, parameters: BakeParameters) -> WholeWorld {
+    let folder = tempfile::tempdir().unwrap();
     let options = BakeOptions {
         parameters,
         codec: RowCodec::Full,
         scene_name: "test".to_owned(),
-        lights: rig.clone(),
+        lights: LightRig::emission_only(),
         overwrite: false,
         levels: Levels::Exactly(1),
         shard: Shard::default(),
@@ -88,7 +84,18 @@ fn explained(
         discard_work: false,
     };
     earthshine_bake::bake(scene, folder.path(), &options, &Silent).unwrap();
-    let world = WholeWorld::load(folder.path()).unwrap();
+    WholeWorld::load(folder.path()).unwrap()
+}
+
+fn explained(
+    scene: &Scene,
+    voxel_edge_m: f32,
+    rays: u32,
+    places: &[(Vec3, Vec3)],
+    identical: bool,
+) -> Outcome {
+    let rig = LightRig::emission_only();
+    let world = baked(scene, BakeParameters { rays_per_patch: rays, ..of_surfaces(voxel_edge_m) });
     let light = world.solve(&rig);
     let volumes = world.volumes(&light).unwrap();
     let tracer = SceneTracer::new(scene);
@@ -128,6 +135,44 @@ fn main_cause(outcome: &Outcome) -> Cause {
     assert!((ranking.voxels.iter().map(|v| v.squared_error_share).sum::<f64>() - 1.0).abs() < 1e-9);
     assert!(ranking.points.windows(2).all(|p| p[0].squared_error_share >= p[1].squared_error_share));
     share.cause
+}
+
+/// Goal: what shares a detail voxel and a direction with something brighter keeps its own light. Method: a panel two
+/// centimetres thick and four before a wall of a lit room, and the wall behind it, which face the same way in detail voxels
+/// of 12.5 cm; a path tracer says what arrives at both.
+#[test]
+fn a_panel_and_the_dark_gap_behind_it() {
+    const GAP_M: f32 = 0.04;
+    const FRONT_M: f32 = 0.06;
+    let mut scene = Scene::default();
+    room(&mut scene, Vec3::ZERO, Vec3::splat(2.0), 100.0);
+    let (up, across) = (Vec3::Y * 1.2, Vec3::Z * 1.2);
+    quad(&mut scene, Vec3::new(FRONT_M, 0.4, 0.4), up, across, material(0.2, 0.0));
+    quad(&mut scene, Vec3::new(GAP_M, 0.4, 0.4), across, up, material(0.2, 0.0));
+    let places: Vec<(Vec3, Vec3)> = (0..16)
+        .flat_map(|index| {
+            let (u, v) = unit_pair(hash(7, Purpose::MeasurePoint, index, 0));
+            [FRONT_M, 0.0].map(|x| (Vec3::new(x, 0.7 + 0.6 * u, 0.7 + 0.6 * v), Vec3::X))
+        })
+        .collect();
+    let rig = LightRig::emission_only();
+    let exact = ReferenceOptions { samples_max: 4096, target_error_rel: 0.0, ..ReferenceOptions::default() };
+    let traced = irradiance_at_points(&SceneTracer::new(&scene), &rig, &places, &exact, &|| ());
+    let world = baked(&scene, BakeParameters { detail: 4, ..of_surfaces(0.5) });
+    let volumes = world.volumes(&world.solve(&rig)).unwrap();
+    assert!(volumes.len() > 2, "layers: {} volumes", volumes.len());
+    for (&(position, normal), expected) in places.iter().zip(&traced) {
+        let (served, expected) =
+            (volume_light::at(&volumes, position, normal).unwrap().x, expected.irradiance.x);
+        let panel = 150.0;
+        if position.x > 0.0 {
+            assert!((served / expected - 1.0).abs() < 0.12, "panel {position}: {served} for {expected}");
+            assert!(expected > 0.5 * panel);
+        } else {
+            assert!(expected < 0.02 * panel, "no gap: {expected}");
+            assert!(served < 0.1 * panel, "gap {position}: {served} for {expected}");
+        }
+    }
 }
 
 #[test]

@@ -51,10 +51,13 @@ pub(crate) fn chunk(store: &DirStore, id: ChunkId, json: bool) -> anyhow::Result
         absorbed * 100.0
     );
     let receivers = &chunk.receivers;
+    let details = || receivers.places.iter().filter_map(|place| place.detail);
     out!(
-        "{} receivers ({} of them of surfaces, in detail voxels) in {} voxels, {:.0} form factors each",
+        "{} receivers ({} of them of surfaces, in detail voxels; {} in layers above the first) in {} voxels, {:.0} form \
+         factors each",
         receivers.places.len(),
-        receivers.places.iter().filter(|place| place.detail.is_some()).count(),
+        details().count(),
+        details().filter(|detail| detail.layer > 0).count(),
         receivers.places.chunk_by(|a, b| a.voxel == b.voxel).count(),
         receivers.rows.columns.len() as f64 / receivers.places.len().max(1) as f64
     );

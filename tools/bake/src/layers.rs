@@ -1,0 +1,222 @@
+//! Layers: which samples in a detail voxel lie in one plane.
+//!
+//! Moulding and the wall behind it may share a detail voxel and a direction and see quite different things; one value for
+//! both would be right for neither. So what faces one direction in a detail voxel is clustered by plane: at most
+//! [`DetailVoxel::LAYERS_MAX`] clusters, fewer where planes are much alike. Nothing here asks what the layers see.
+//! Start at [`layers_of`].
+
+use crate::exposure::Exposure;
+use crate::sample::{SurfaceSample, side_weights};
+use earthshine_tiles::BakeParameters;
+use earthshine_world::{DetailVoxel, Direction, Vec3, VoxelCoord};
+use std::collections::BTreeMap;
+
+/// Planes whose normals differ by this, as the sine of half the angle, differ by one.
+const ANGLE_SCALE: f32 = 0.12;
+/// Planes that are this far apart, in detail voxel edges, differ by one.
+const DISTANCE_SCALE: f32 = 0.1;
+/// Clusters that differ by less are one, whatever their area.
+const DIFFERENCE_MIN: f32 = 1.0;
+/// Samples whose planes differ by less are one from the start.
+const SAME_PLANE: f32 = 0.2;
+/// Clusters that samples are first put in, at most; merging costs their square.
+const FIRST_MAX: usize = 24;
+/// Clusters of less than this share of a detail voxel's face join another.
+const AREA_SHARE_MIN: f32 = 0.01;
+
+/// Of a sample: its layer by direction. 0 where it does not face.
+pub(crate) type LayersOfSample = [u8; 6];
+
+/// A plane and how much of it there is.
+#[derive(Debug, Clone)]
+struct Cluster {
+    /// Sum of normals by area.
+    normals: Vec3,
+    /// Sum of places by area.
+    places: Vec3,
+    area: f32,
+    members: Vec<u32>,
+}
+
+impl Cluster {
+    fn normal(&self) -> Vec3 {
+        self.normals.normalize_or(Vec3::Y)
+    }
+
+    fn middle(&self) -> Vec3 {
+        self.places / self.area
+    }
+
+    /// How different the planes of both are; places in detail voxel edges.
+    fn difference(&self, other: &Self, edge_m: f32) -> f32 {
+        let (own, theirs) = (self.normal(), other.normal());
+        let way = (other.middle() - self.middle()) / edge_m;
+        let apart = way.dot(own).abs().max(way.dot(theirs).abs());
+        let turned = 0.5 * (own - theirs).length();
+        (turned / ANGLE_SCALE).powi(2) + (apart / DISTANCE_SCALE).powi(2)
+    }
+
+    fn absorb(&mut self, other: &Self) {
+        self.normals += other.normals;
+        self.places += other.places;
+        self.area += other.area;
+        self.members.extend(&other.members);
+    }
+}
+
+/// The layers of `samples`, whose voxels are detail voxels of `parameters`' grid; the largest is 0.
+pub(crate) fn layers_of(samples: &[SurfaceSample], parameters: &BakeParameters) -> Vec<LayersOfSample> {
+    let edge_m = parameters.grid.voxel_edge_m;
+    let mut parts: BTreeMap<([i32; 3], Direction), Vec<Cluster>> = BTreeMap::new();
+    for (index, sample) in samples.iter().enumerate() {
+        if sample.exposure == Exposure::Buried {
+            continue;
+        }
+        for (direction, weight) in side_weights(parameters.weights, sample.normal) {
+            let area = weight * sample.area;
+            if area > 0.0 {
+                let voxel: VoxelCoord = sample.voxel;
+                let cluster = Cluster {
+                    normals: sample.normal * area,
+                    places: sample.position * area,
+                    area,
+                    members: vec![index as u32],
+                };
+                put(parts.entry((voxel.to_array(), direction)).or_default(), cluster, edge_m);
+            }
+        }
+    }
+    let mut layers = vec![[0; 6]; samples.len()];
+    for ((_, direction), mut clusters) in parts {
+        merge(&mut clusters, edge_m);
+        clusters.sort_by(|a, b| b.area.total_cmp(&a.area));
+        for (layer, cluster) in clusters.iter().enumerate() {
+            cluster
+                .members
+                .iter()
+                .for_each(|&member| layers[member as usize][direction.index()] = layer as u8);
+        }
+    }
+    layers
+}
+
+/// Puts one sample to what lies in its plane already, or to the most alike where there are many.
+fn put(clusters: &mut Vec<Cluster>, sample: Cluster, edge_m: f32) {
+    let are_many = clusters.len() >= FIRST_MAX;
+    let alike = clusters
+        .iter_mut()
+        .map(|cluster| (cluster.difference(&sample, edge_m), cluster))
+        .min_by(|a, b| a.0.total_cmp(&b.0));
+    match alike {
+        Some((difference, cluster)) if are_many || difference < SAME_PLANE => cluster.absorb(&sample),
+        _ => clusters.push(sample),
+    }
+}
+
+/// Merges clusters until all that are left differ and there are few enough of them.
+fn merge(clusters: &mut Vec<Cluster>, edge_m: f32) {
+    let area_min = AREA_SHARE_MIN * edge_m * edge_m;
+    while clusters.len() > 1 {
+        let are_many = clusters.len() > usize::from(DetailVoxel::LAYERS_MAX)
+            || clusters.iter().any(|cluster| cluster.area < area_min);
+        // Ward's criterion where some have to go: what lies in few places counts little.
+        let cost = |a: &Cluster, b: &Cluster| {
+            let difference = a.difference(b, edge_m);
+            if are_many { difference * a.area * b.area / (a.area + b.area) } else { difference }
+        };
+        let pairs = (1..clusters.len()).flat_map(|b| (0..b).map(move |a| (a, b)));
+        let costs = pairs.map(|(a, b)| (cost(&clusters[a], &clusters[b]), a, b));
+        let Some((least, a, b)) = costs.min_by(|one, other| one.0.total_cmp(&other.0)) else { return };
+        if !are_many && least >= DIFFERENCE_MIN {
+            return;
+        }
+        let gone = clusters.swap_remove(b);
+        clusters[a].absorb(&gone);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use earthshine_world::{Grid, Rgb};
+
+    /// Detail voxels of a metre.
+    fn parameters() -> BakeParameters {
+        BakeParameters {
+            grid: Grid { voxel_edge_m: 1.0, chunk_edge_voxels: 16 },
+            ..BakeParameters::default()
+        }
+    }
+
+    /// Samples of `area` m2 each at `places` with `normal`, all in the voxel at the origin.
+    fn samples(normal: Vec3, area: f32, places: impl Iterator<Item = Vec3>) -> Vec<SurfaceSample> {
+        places
+            .map(|position| SurfaceSample {
+                position,
+                normal,
+                side: 0,
+                voxel: VoxelCoord::ZERO,
+                area,
+                reflectance: Rgb::ONE,
+                emission: Rgb::ZERO,
+                exposure: Exposure::Open(1.0),
+            })
+            .collect()
+    }
+
+    /// A square of 16 samples across the voxel that lies `x` from its low side.
+    fn wall(x: f32) -> Vec<SurfaceSample> {
+        let middle = |i: u32| (i as f32 + 0.5) / 4.0;
+        samples(Vec3::X, 1.0 / 16.0, (0..16).map(move |i| Vec3::new(x, middle(i % 4), middle(i / 4))))
+    }
+
+    fn layers_facing(samples: &[SurfaceSample], direction: Direction) -> Vec<u8> {
+        layers_of(samples, &parameters()).iter().map(|layers| layers[direction.index()]).collect()
+    }
+
+    #[test]
+    fn planes_are_told_apart_and_one_plane_is_one_layer() {
+        assert_eq!(layers_facing(&wall(0.3), Direction::PosX), [0; 16]);
+        let both = [wall(0.1), wall(0.5)].concat();
+        let layers = layers_facing(&both, Direction::PosX);
+        assert!(layers[..16].iter().all(|&layer| layer == layers[0]));
+        assert!(layers[16..].iter().all(|&layer| layer == 1 - layers[0]));
+        // Nearer than is worth a row.
+        assert_eq!(layers_facing(&[wall(0.1), wall(0.15)].concat(), Direction::PosX), [0; 32]);
+    }
+
+    #[test]
+    fn the_largest_is_first_and_slivers_join_another() {
+        let small = samples(Vec3::X, 0.1, [Vec3::new(0.2, 0.5, 0.5)].into_iter());
+        let layers = layers_facing(&[small, wall(0.8)].concat(), Direction::PosX);
+        assert_eq!((layers[0], &layers[1..]), (1, &[0; 16][..]));
+        let sliver = samples(Vec3::X, 0.5 * AREA_SHARE_MIN, [Vec3::new(0.2, 0.5, 0.5)].into_iter());
+        assert_eq!(layers_facing(&[sliver, wall(0.8)].concat(), Direction::PosX), [0; 17]);
+    }
+
+    #[test]
+    fn a_curve_has_as_many_layers_as_there_may_be() {
+        let round: Vec<SurfaceSample> = (0..90)
+            .flat_map(|degree| {
+                let (sine, cosine) = (degree as f32 + 0.5).to_radians().sin_cos();
+                let normal = Vec3::new(cosine, sine, 0.0);
+                samples(normal, 0.01, [0.1 + 0.8 * normal].into_iter())
+            })
+            .collect();
+        let layers = layers_facing(&round, Direction::PosX);
+        let mut found = layers.clone();
+        found.sort_unstable();
+        found.dedup();
+        assert_eq!(found, (0..DetailVoxel::LAYERS_MAX).collect::<Vec<_>>());
+        // Neighbours stay together: one change a border.
+        let facing = &layers[..85];
+        assert_eq!(facing.windows(2).filter(|pair| pair[0] != pair[1]).count(), found.len() - 1);
+    }
+
+    #[test]
+    fn buried_samples_belong_to_none() {
+        let mut behind = wall(0.1);
+        behind.iter_mut().for_each(|sample| sample.exposure = Exposure::Buried);
+        assert_eq!(layers_facing(&[behind, wall(0.5)].concat(), Direction::PosX), [0; 32]);
+    }
+}
