@@ -178,16 +178,20 @@ mod tests {
 
     #[test]
     fn parts_and_planes_that_cannot_be_are_refused() {
-        let refused = |byte: usize, value: u8| {
+        let (upper_layer, air) = (1, 3);
+        let refused = |place: usize, byte: usize, value: u8| {
             let mut raw = encode(&places());
-            // Of the second place, the upper layer.
-            raw[4 * byte + 1] = value;
+            raw[4 * byte + place] = value;
             decode(&raw, LAYERED_VERSION).unwrap_err()
         };
-        let at = |field: usize| std::mem::offset_of!(ReceiverRecord, place) + field;
-        assert!(refused(at(std::mem::offset_of!(UnlayeredRecord, plane)), 255).contains("plane"));
-        assert!(refused(std::mem::offset_of!(ReceiverRecord, normal), 0).contains("plane"));
-        assert!(refused(at(std::mem::offset_of!(UnlayeredRecord, part_high)), 0x3F).contains("part"));
-        assert!(refused(at(std::mem::offset_of!(UnlayeredRecord, part_low)), 0).contains("part"));
+        let plane = std::mem::offset_of!(UnlayeredRecord, plane);
+        let part_high = std::mem::offset_of!(UnlayeredRecord, part_high);
+        let normal = std::mem::offset_of!(ReceiverRecord, normal);
+        assert!(refused(upper_layer, plane, 255).contains("plane"));
+        assert!(refused(upper_layer, normal, 0).contains("plane"));
+        assert!(refused(upper_layer, part_high, 0x3F).contains("part"), "a fifteenth layer");
+        assert!(refused(air, normal, 5).contains("part"), "a normal in the air");
+        assert!(refused(air, plane, 5).contains("part"), "a plane in the air");
+        assert!(refused(air, part_high, 1 << 2).contains("part"), "a layer in the air");
     }
 }
