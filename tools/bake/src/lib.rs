@@ -43,6 +43,7 @@ pub mod estimator;
 pub mod exposure;
 mod exposure_record;
 pub mod eye;
+pub mod fineness;
 mod finished_world;
 pub mod hammersley;
 pub mod hidden;

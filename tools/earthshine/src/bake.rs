@@ -1,5 +1,6 @@
 //! `earthshine bake`: a glTF scene becomes a world folder.
 
+use crate::defaults::Chosen;
 use crate::machine;
 use crate::output::out;
 use crate::progress_bars::BakeBars;
@@ -9,7 +10,7 @@ use crate::scene_source;
 use clap::Args;
 use earthshine_bake::{BakeOptions, BakeSummary, Levels, MemoryLimit, RayDevice, Shard};
 use earthshine_scene::ImportReport;
-use earthshine_tiles::RowCodec;
+use earthshine_tiles::{Manifest, RowCodec};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
@@ -84,14 +85,16 @@ pub(crate) struct BakeArguments {
 pub(crate) struct MeasuredBake {
     #[serde(flatten)]
     summary: BakeSummary,
+    /// By which parameters that hang on the size of the world.
+    chosen: Chosen,
     /// Most memory held at once, bytes.
     peak_rss_bytes: Option<u64>,
 }
 
 impl MeasuredBake {
     /// `summary`, of a bake that has just ended.
-    pub(crate) fn now(summary: BakeSummary) -> Self {
-        Self { summary, peak_rss_bytes: machine::peak_rss_bytes() }
+    pub(crate) fn now(summary: BakeSummary, chosen: Chosen) -> Self {
+        Self { summary, chosen, peak_rss_bytes: machine::peak_rss_bytes() }
     }
 }
 
@@ -102,8 +105,12 @@ pub(crate) fn run(arguments: &BakeArguments) -> anyhow::Result<()> {
         scene_source::load(&arguments.scene, arguments.lights.as_deref(), arguments.quality.metals_black())?;
     tell(&source.scene.report);
     scene_source::warn_if_dark(&source);
+    let chosen = quality(arguments, &source.name).chosen(&source);
+    if let (Some(told), false) = (chosen.told(), quiet) {
+        eprintln!("{told}");
+    }
     let options = BakeOptions {
-        parameters: arguments.quality.parameters(&source),
+        parameters: chosen.parameters,
         codec: if arguments.lossless { RowCodec::Full } else { RowCodec::Half },
         scene_name: source.name,
         lights: source.lights,
@@ -119,14 +126,26 @@ pub(crate) fn run(arguments: &BakeArguments) -> anyhow::Result<()> {
     let summary = earthshine_bake::bake_on(device, &source.scene, &arguments.world, &options, &bars)?;
     bars.finish();
     if arguments.json {
-        out!("{}", serde_json::to_string(&MeasuredBake::now(summary))?);
+        out!("{}", serde_json::to_string(&MeasuredBake::now(summary, chosen))?);
     } else {
-        print_summary(&summary, &arguments.world);
+        print_summary(&summary, &chosen, &arguments.world);
         if arguments.explain {
             print_stale(&summary);
         }
     }
     Ok(())
+}
+
+/// The quality asked for; where nothing was said, that of the world of the same scene that is there already, so that an
+/// edit does not change it.
+fn quality(arguments: &BakeArguments, scene: &str) -> QualityArguments {
+    match Manifest::load(&arguments.world) {
+        Ok(manifest) if manifest.scene == scene && !arguments.overwrite => {
+            arguments.quality.as_before(&manifest.parameters)
+        }
+        // Whatever is wrong with it, the bake says.
+        _ => arguments.quality.clone(),
+    }
 }
 
 /// What the import left out or changed, on standard error.
@@ -158,7 +177,7 @@ fn print_stale(summary: &BakeSummary) {
     }
 }
 
-fn print_summary(summary: &BakeSummary, world: &std::path::Path) {
+fn print_summary(summary: &BakeSummary, chosen: &Chosen, world: &std::path::Path) {
     if summary.up_to_date {
         out!("{} is up to date: nothing to do", world.display());
         return;
@@ -200,6 +219,9 @@ fn print_summary(summary: &BakeSummary, world: &std::path::Path) {
             level.chunks,
             level.bytes as f64 / 1e6
         );
+    }
+    if let Some(told) = chosen.told() {
+        out!("{told}");
     }
     if summary.buried_samples > 0 {
         out!("{} of {} points are buried and left out", summary.buried_samples, summary.samples);

@@ -11,6 +11,7 @@ mod causes;
 mod cluster_light;
 mod compare;
 mod connect;
+mod defaults;
 mod demo;
 mod error_view;
 mod exit_code;

@@ -1,17 +1,19 @@
 //! What the bytes of a bake depend on, as flags; shared by `bake` and `bench`.
 
+use crate::defaults::{Chosen, Wish};
 use crate::method::MethodArguments;
 use crate::scene_source::SceneSource;
 use clap::{Args, ValueEnum};
 use earthshine_gen::WorldKind;
 use earthshine_tiles::BakeParameters;
-use earthshine_world::{AxisWeights, Grid};
+use earthshine_world::AxisWeights;
+use std::str::FromStr;
 
 /// What the bytes of a bake depend on.
 #[derive(Args, Clone)]
 pub(crate) struct QualityArguments {
-    /// Edge of a voxel, m. Smaller: more detail, about four times the patches a halving. Default: the power of two
-    /// that gives a file about 20,000 patches or fewer, from 1/64 to 4; generated scenes have their own.
+    /// Edge of a voxel, m. Smaller: more detail, about four times the patches a halving. Default: what makes about 13,000
+    /// patches of a file, to three digits, from 0.016 to 4; generated scenes have their own, worlds that are there keep theirs.
     #[arg(long)]
     voxel: Option<f32>,
     /// Voxels along a chunk's edge, 1 to 22.
@@ -20,12 +22,13 @@ pub(crate) struct QualityArguments {
     /// Rays a patch. The error of a row falls with its square root; time grows in step.
     #[arg(long, default_value_t = 1024)]
     rays: u32,
-    /// Sample points a patch keeps for direct light.
-    #[arg(long, default_value_t = 16)]
-    points_per_patch: u32,
-    /// Points that cover a voxel face of surface.
-    #[arg(long, default_value_t = 16)]
-    samples_per_face: u32,
+    /// Sample points a patch keeps for direct light. Default: 64 in worlds small enough for detail by `--detail auto`,
+    /// else 16.
+    #[arg(long)]
+    points_per_patch: Option<u32>,
+    /// Points that cover a voxel face of surface. Default: as --points-per-patch.
+    #[arg(long)]
+    samples_per_face: Option<u32>,
     /// How normals spread over directions; `absolute` is the sources' way and makes energy.
     #[arg(long, default_value = "squared")]
     weights: Weights,
@@ -46,12 +49,13 @@ pub(crate) struct QualityArguments {
     #[arg(long, default_value_t = 24)]
     receiver_columns: u32,
     /// Detail voxels along a voxel's edge in which light on surfaces is served: 1 for that of patches alone, 2, 4 or 8. Patches, and
-    /// what they exchange, stay those of voxels.
-    #[arg(long, default_value_t = 1, value_parser = detail)]
-    detail: u32,
-    /// Rays of a detail voxel.
-    #[arg(long, default_value_t = 512)]
-    detail_rays: u32,
+    /// what they exchange, stay those of voxels. `auto`: the most that a world of so many patches can afford, none for
+    /// kilometres; the summary says which.
+    #[arg(long, default_value = "auto")]
+    detail: Detail,
+    /// Rays of a part of a patch in a detail voxel. Default: chosen with --detail auto, 128 to 2048; else 512.
+    #[arg(long)]
+    detail_rays: Option<u32>,
     /// Most columns of a detail voxel's row.
     #[arg(long, default_value_t = 192)]
     detail_columns: u32,
@@ -83,17 +87,70 @@ pub(crate) enum Metals {
     Black,
 }
 
+/// How many detail voxels, or who says so.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Detail {
+    Auto,
+    Exactly(u32),
+}
+
+impl FromStr for Detail {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "auto" => Ok(Self::Auto),
+            "1" => Ok(Self::Exactly(1)),
+            "2" => Ok(Self::Exactly(2)),
+            "4" => Ok(Self::Exactly(4)),
+            "8" => Ok(Self::Exactly(8)),
+            _ => Err("detail voxels along a voxel's edge are 1, 2, 4, 8 or auto".to_owned()),
+        }
+    }
+}
+
 impl QualityArguments {
-    /// The parameters for `source`, with its defaults where nothing was asked for.
+    /// The parameters for `source`, chosen for its size where nothing was asked for.
     pub(crate) fn parameters(&self, source: &SceneSource) -> BakeParameters {
-        let voxel_edge_m = self.voxel.unwrap_or_else(|| default_voxel_edge_m(source));
+        self.chosen(source).parameters
+    }
+
+    /// The parameters for who looks at patches alone: no detail, and no points for it, where nothing was asked for.
+    pub(crate) fn parameters_of_patches(&self, source: &SceneSource) -> BakeParameters {
+        let detail = if self.detail == Detail::Auto { Detail::Exactly(1) } else { self.detail };
+        Self { detail, ..self.clone() }.parameters(source)
+    }
+
+    /// The parameters for `source`, and which of them were chosen.
+    pub(crate) fn chosen(&self, source: &SceneSource) -> Chosen {
+        let detail = match self.detail {
+            Detail::Auto => None,
+            Detail::Exactly(detail) => Some(detail),
+        };
+        let Self { voxel: voxel_edge_m, detail_rays, points_per_patch, samples_per_face, .. } = *self;
+        let wish = Wish { voxel_edge_m, detail, detail_rays, points_per_patch, samples_per_face };
+        wish.granted(source, self.base(source))
+    }
+
+    /// The same, with what the world was baked with where nothing is said: after an edit it stays the same world.
+    pub(crate) fn as_before(&self, before: &BakeParameters) -> Self {
+        let detail = if self.detail == Detail::Auto { Detail::Exactly(before.detail) } else { self.detail };
+        Self {
+            voxel: self.voxel.or(Some(before.grid.voxel_edge_m)),
+            detail,
+            detail_rays: self.detail_rays.or(Some(before.detail_rays)),
+            points_per_patch: self.points_per_patch.or(Some(before.points_per_patch)),
+            samples_per_face: self.samples_per_face.or(Some(before.samples_per_voxel_face)),
+            ..self.clone()
+        }
+    }
+
+    /// All that does not hang on the world's size.
+    fn base(&self, source: &SceneSource) -> BakeParameters {
         let default_sides = if source.kind == Some(WorldKind::Cornell) { Sides::One } else { Sides::Two };
-        BakeParameters {
+        let mut parameters = BakeParameters {
             seed: self.seed,
-            grid: Grid { voxel_edge_m, chunk_edge_voxels: self.chunk_voxels },
             rays_per_patch: self.rays,
-            points_per_patch: self.points_per_patch,
-            samples_per_voxel_face: self.samples_per_face,
             buried_rays: self.buried_rays,
             weights: match self.weights {
                 Weights::Squared => AxisWeights::Squared,
@@ -104,11 +161,12 @@ impl QualityArguments {
             receiver_reach_voxels: self.receivers,
             receiver_rays: self.receiver_rays,
             receiver_columns: self.receiver_columns,
-            detail: self.detail,
-            detail_rays: self.detail_rays,
             detail_columns: self.detail_columns,
             method: self.method.method(),
-        }
+            ..BakeParameters::default()
+        };
+        parameters.grid.chunk_edge_voxels = self.chunk_voxels;
+        parameters
     }
 
     /// The same with another voxel edge, m.
@@ -128,37 +186,10 @@ impl QualityArguments {
 
     /// The same with another number of points a voxel face.
     pub(crate) fn with_samples_per_face(self, samples_per_face: u32) -> Self {
-        Self { samples_per_face, ..self }
+        Self { samples_per_face: Some(samples_per_face), ..self }
     }
 
     pub(crate) fn metals_black(&self) -> bool {
         self.metals == Metals::Black
     }
-}
-
-fn detail(text: &str) -> Result<u32, String> {
-    match text {
-        "1" => Ok(1),
-        "2" => Ok(2),
-        "4" => Ok(4),
-        "8" => Ok(8),
-        _ => Err("detail voxels along a voxel's edge are 1, 2, 4 or 8".to_owned()),
-    }
-}
-
-/// Patches that the default voxel edge aims at, at most.
-const PATCHES_AIM: f64 = 20_000.0;
-
-fn default_voxel_edge_m(source: &SceneSource) -> f32 {
-    match source.kind {
-        Some(WorldKind::Cornell) => return 0.14,
-        Some(WorldKind::Furnace) => return 0.25,
-        Some(WorldKind::TwoRooms) => return 0.5,
-        Some(WorldKind::Corridor) => return 1.0,
-        Some(WorldKind::Town) => return 2.0,
-        None => {}
-    }
-    // Both sides of every triangle.
-    let edge = (2.0 * source.scene.surface_area() / PATCHES_AIM).sqrt();
-    edge.log2().ceil().clamp(-6.0, 2.0).exp2() as f32
 }

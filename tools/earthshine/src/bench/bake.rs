@@ -40,9 +40,9 @@ pub(crate) fn run(arguments: &BakeBenchArguments, json: bool) -> anyhow::Result<
     let source =
         scene_source::load_generated(&arguments.scene, None, arguments.quality.metals_black(), &shape)?;
     let folder = tempfile::tempdir().context("a scratch folder for the world")?;
-    let parameters = arguments.quality.parameters(&source);
-    let summary = scratch::bake(&source, parameters, Levels::Auto, folder.path(), json)?;
-    let figures = MeasuredBake::now(summary);
+    let chosen = arguments.quality.chosen(&source);
+    let summary = scratch::bake(&source, chosen.parameters, Levels::Auto, folder.path(), json)?;
+    let figures = MeasuredBake::now(summary, chosen);
     let seconds = started.elapsed().as_secs_f64();
     Report::new("bake", &source.name, "none", arguments.quality.seed, seconds, figures).print(json)
 }

@@ -94,7 +94,7 @@ pub(crate) fn run(arguments: &BuildersArguments, json: bool) -> anyhow::Result<(
     let started = Instant::now();
     let quality = &arguments.quality;
     let source = scene_source::load(&arguments.scene, arguments.lights.as_deref(), quality.metals_black())?;
-    let base = quality.parameters(&source);
+    let base = quality.parameters_of_patches(&source);
     let reference = reference_points(arguments, &source, json)?;
     let builders = variants(base)
         .into_iter()

@@ -101,7 +101,7 @@ pub(crate) fn run(arguments: &EstimatorsArguments, json: bool) -> anyhow::Result
     let started = Instant::now();
     let quality = &arguments.quality;
     let source = scene_source::load(&arguments.scene, None, quality.metals_black())?;
-    let bench = Bench::new(&source.scene, quality.parameters(&source), arguments, json);
+    let bench = Bench::new(&source.scene, quality.parameters_of_patches(&source), arguments, json);
     let mut estimators = Vec::new();
     for (name, spread) in SPREADS {
         for rays in RAYS {

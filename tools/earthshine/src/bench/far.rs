@@ -99,7 +99,7 @@ fn baked(
     world: &Path,
     quiet: bool,
 ) -> anyhow::Result<Vec<WholeWorld>> {
-    let summary = scratch::bake(source, quality.parameters(source), Levels::Auto, world, quiet)?;
+    let summary = scratch::bake(source, quality.parameters_of_patches(source), Levels::Auto, world, quiet)?;
     summary.levels.iter().map(|level| WholeWorld::load_level(world, level.level)).collect()
 }
 

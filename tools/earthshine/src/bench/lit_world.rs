@@ -55,7 +55,7 @@ impl WorldArguments {
         }
         let source = scene_source::load(&self.scene, self.lights.as_deref(), self.quality.metals_black())?;
         let folder = tempfile::tempdir().context("a scratch folder for the world")?;
-        let parameters = self.quality.parameters(&source);
+        let parameters = self.quality.parameters_of_patches(&source);
         scratch::bake(&source, parameters, Levels::Exactly(1), folder.path(), quiet)?;
         LitWorld::new(source.name.clone(), &source.lights, WholeWorld::load(folder.path())?)
     }

@@ -102,7 +102,7 @@ pub(crate) fn run(arguments: &SphereArguments, json: bool) -> anyhow::Result<()>
     let metals_black = arguments.quality.metals_black();
     let source = scene_source::load(&arguments.scene, arguments.lights.as_deref(), metals_black)?;
     let way = Way::of(arguments, &source)?;
-    let measured = baked(&source, arguments.quality.parameters(&source), json)?;
+    let measured = baked(&source, arguments.quality.parameters_of_patches(&source), json)?;
     let volumes = &measured.volumes;
     let voxel_edge_m = measured.world.grid.voxel_edge_m;
     let radius_m = arguments.radius.unwrap_or_else(|| (voxel_edge_m / 8.0).max(0.05));

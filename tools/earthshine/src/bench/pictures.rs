@@ -140,10 +140,12 @@ fn figures_of(
 ) -> anyhow::Result<PictureFigures> {
     let source =
         scene_source::load(&subject.scene, subject.lights.as_deref(), arguments.quality.metals_black())?;
-    let mut parameters = arguments.quality.parameters(&source);
-    if let Some(edge) = subject.voxel_edge_m {
-        parameters.grid.voxel_edge_m = edge;
-    }
+    let quality = arguments.quality.clone();
+    let quality = match subject.voxel_edge_m {
+        Some(edge) => quality.with_voxel(edge),
+        None => quality,
+    };
+    let parameters = quality.parameters(&source);
     let measured = baked(&source, parameters, quiet)?;
     let tracer = source.tracer();
     let view = ViewArguments::sized(arguments.width, arguments.height).seen(subject.camera, subject.target);

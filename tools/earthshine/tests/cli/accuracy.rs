@@ -12,7 +12,8 @@ fn desk() -> tempfile::TempDir {
 
 /// Accuracy of a Cornell box that bakes in a moment.
 fn accuracy(folder: &Path, more: &[&str]) -> Run {
-    let base = ["bench", "accuracy", "--scene", "cornell", "--voxel", "0.5", "--rays", "32", "--json"];
+    let coarse = ["--voxel", "0.5", "--rays", "32", "--detail", "1"];
+    let base = [&["bench", "accuracy", "--scene", "cornell", "--json"][..], &coarse].concat();
     run(folder, &[&base[..], more].concat())
 }
 
@@ -201,8 +202,20 @@ fn errors_of_a_view_are_drawn() {
 #[test]
 fn pictures_of_scenes_are_compared_and_wrong_words_named() {
     let desk = desk();
-    let base =
-        ["bench", "pictures", "--width", "48", "--height", "32", "--reference-samples", "16", "--rays", "64"];
+    let base = [
+        "bench",
+        "pictures",
+        "--width",
+        "48",
+        "--height",
+        "32",
+        "--reference-samples",
+        "16",
+        "--rays",
+        "64",
+        "--detail",
+        "1",
+    ];
     let scenes = ["cornell;voxel=0.4", "furnace;voxel=0.5"];
     let found =
         run(desk.path(), &[&base[..], &scenes, &["--out", "shown", "--json"]].concat()).succeeds().json();

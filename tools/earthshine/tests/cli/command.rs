@@ -77,17 +77,14 @@ impl Run {
 }
 
 /// A bake that takes a moment.
-pub(crate) fn bake<'a>(scene: &'a str, world: &'a str) -> [&'a str; 9] {
-    ["bake", scene, world, "--voxel", "0.5", "--rays", "32", "--quiet", "--overwrite"]
+pub(crate) fn bake<'a>(scene: &'a str, world: &'a str) -> [&'a str; 11] {
+    ["bake", scene, world, "--voxel", "0.5", "--rays", "32", "--detail", "1", "--quiet", "--overwrite"]
 }
 
 /// A small sound world called `world` in `folder`: a Cornell box.
 pub(crate) fn cornell_world(folder: &Path) {
-    run(
-        folder,
-        &["bake", "cornell", "world", "--voxel", "0.5", "--rays", "32", "--chunk-voxels", "4", "--quiet"],
-    )
-    .succeeds();
+    let coarse = ["--voxel", "0.5", "--rays", "32", "--chunk-voxels", "4", "--detail", "1", "--quiet"];
+    run(folder, &[&["bake", "cornell", "world"][..], &coarse].concat()).succeeds();
 }
 
 /// Everything in a folder: name from there to bytes.

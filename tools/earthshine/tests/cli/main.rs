@@ -1,11 +1,13 @@
 //! The command as a user meets it: the real program, its exit codes and what it says.
 //!
-//! `main_path` goes all the way from `gen` to `fly`; `accuracy` and `moving_light` measure; `scenes`, `lights`, `worlds`, `service` and
+//! `main_path` goes all the way from `gen` to `fly`; `defaults` says nothing and looks at what is chosen;
+//! `accuracy` and `moving_light` measure; `scenes`, `lights`, `worlds`, `service` and
 //! `disk_full` hand it what nobody should, and check the documented exit code, a message that names file, cause and
 //! cure, and that nothing half-written stays. What a client may do to a server is tested beside the server.
 
 mod accuracy;
 mod command;
+mod defaults;
 mod disk_full;
 mod glb;
 mod lights;

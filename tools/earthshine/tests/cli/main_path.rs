@@ -66,7 +66,7 @@ fn from_a_seed_to_a_flight() {
     let here = folder.path();
     let made = run(here, &["gen", "two-rooms", "rooms.glb", "--seed", "3", "--json"]).succeeds().json();
     assert!(made["triangles"].as_u64() > Some(50), "{made}");
-    let bake = ["bake", "rooms.glb", "world", "--voxel", "0.75", "--rays", "64", "--json"];
+    let bake = ["bake", "rooms.glb", "world", "--voxel", "0.75", "--rays", "64", "--detail", "1", "--json"];
     let baked = run(here, &bake).succeeds().json();
     let patches = baked["patches"].as_u64().expect("a count");
     let again = run(here, &bake).succeeds().json();
@@ -107,7 +107,7 @@ fn paths_and_working_folders_do_not_reach_the_bytes() {
     std::fs::create_dir_all(far.path().join("deep/down")).expect("a scratch folder");
     run(near.path(), &["gen", "cornell", "box.glb", "--quiet"]).succeeds();
     std::fs::copy(near.path().join("box.glb"), far.path().join("deep/Other Name.glb")).expect("a copy");
-    let quality = ["--voxel", "0.4", "--rays", "48", "--quiet"];
+    let quality = ["--voxel", "0.4", "--rays", "48", "--detail", "1", "--quiet"];
     run(near.path(), &[&["bake", "box.glb", "world"][..], &quality].concat()).succeeds();
     let absolute = far.path().join("elsewhere/a world");
     let absolute = absolute.to_str().expect("a plain path");

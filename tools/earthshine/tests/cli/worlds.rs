@@ -124,9 +124,8 @@ fn a_foreign_file() {
     assert_damage_is_found(glb, &["is not a tile"]);
     // A sound tile of another world.
     let other = tempfile::tempdir().expect("a scratch folder");
-    let arguments =
-        ["bake", "cornell", "world", "--voxel", "0.5", "--rays", "33", "--chunk-voxels", "4", "-q"];
-    run(other.path(), &arguments).succeeds();
+    let coarse = ["--voxel", "0.5", "--rays", "33", "--chunk-voxels", "4", "--detail", "1", "-q"];
+    run(other.path(), &[&["bake", "cornell", "world"][..], &coarse].concat()).succeeds();
     let foreign = std::fs::read(&tiles(other.path()).0[0]).expect("a tile");
     assert_damage_is_found(|tile| tile.clone_from(&foreign), &["does not belong here", "world hash"]);
     // A manifest of something else.

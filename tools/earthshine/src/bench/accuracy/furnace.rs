@@ -32,7 +32,7 @@ pub(super) fn run(quality: &QualityArguments, json: bool) -> anyhow::Result<()> 
     for (index, reflectance) in FURNACES.into_iter().enumerate() {
         let shape = GenOptions { furnace_reflectance: reflectance, ..GenOptions::default() };
         let source = scene_source::load_generated("furnace", None, false, &shape)?;
-        let measured = measured::baked(&source, quality.parameters(&source), json)?;
+        let measured = measured::baked(&source, quality.parameters_of_patches(&source), json)?;
         let worst = measured.world.furnace_error();
         figures.max_exitance_error_rel_by_reflectance[index] = worst;
         figures.max_exitance_error_rel = figures.max_exitance_error_rel.max(worst);

@@ -101,6 +101,8 @@ pub(super) struct Figures {
     voxel_edge_m: f32,
     rays_per_patch: u32,
     samples_per_voxel_face: u32,
+    points_per_patch: u32,
+    detail: u32,
     /// Absent where a world was given.
     bake_seconds: Option<f64>,
     solve_seconds: f64,
@@ -214,6 +216,8 @@ fn compared(
         voxel_edge_m: parameters.grid.voxel_edge_m,
         rays_per_patch: parameters.rays_per_patch,
         samples_per_voxel_face: parameters.samples_per_voxel_face,
+        points_per_patch: parameters.points_per_patch,
+        detail: parameters.detail,
         bake_seconds: measured.bake_seconds,
         solve_seconds: measured.solve_seconds,
         reference_seconds,

@@ -11,10 +11,12 @@ pub(super) fn print(report: &Report<Figures>, against: &str) {
     let percent = |share: f64| format!("{:.2} %", share * 100.0);
     let all = errors.points + errors.uncovered;
     out!(
-        "{}: voxels of {} m, {} rays a patch, {} points a voxel face",
+        "{}: voxels of {} m, detail {}, {} rays and {} points a patch, {} points a voxel face",
         report.scene,
         figures.voxel_edge_m,
+        figures.detail,
         figures.rays_per_patch,
+        figures.points_per_patch,
         figures.samples_per_voxel_face
     );
     out!("light served ({}, {}) against {against}\n", report.solver, report.backend);

@@ -1,0 +1,200 @@
+//! How many patches a scene makes at a voxel edge, and at which edge it makes so many: counted, not baked.
+//!
+//! Triangles are cut at the voxel grid as the bake cuts them, and what faces one direction in one voxel counts once. Some
+//! of it is buried (the inside of walls, floors under boxes) and makes no patch; how much is asked of a few hundred of
+//! these places, by the bake's own rays. The answer is a guess of the bake's own count, within some 15 %; it hangs on the
+//! scene and the parameters alone. Start at [`PatchCounter`].
+
+use crate::builder::Builder;
+use crate::clip::clip_to_grid;
+use crate::exposure::Exposure;
+use crate::rows::patch_key;
+use crate::sample::{EVERYWHERE, OFF_SURFACE, SurfaceSample, sample_triangle, side_weights};
+use earthshine_scene::Scene;
+use earthshine_tiles::BakeParameters;
+use earthshine_trace::SceneTracer;
+use earthshine_world::Grid;
+use earthshine_world::random::{Purpose, hash};
+use rayon::prelude::*;
+use std::collections::{BTreeMap, HashSet};
+use std::ops::RangeInclusive;
+use std::sync::{Mutex, OnceLock, PoisonError};
+
+/// Triangles counted together.
+const BATCH: usize = 256;
+/// Places (a direction in a voxel) of which it is asked whether they are buried: the share is right within some 2 %.
+const PLACES_ASKED: usize = 512;
+/// Most points that are asked of one of them.
+const POINTS_ASKED: usize = 8;
+/// Above so many triangles nothing is taken for buried: a tree over them would take long, and much memory.
+const SEARCHED_TRIANGLES_MAX: usize = 2_000_000;
+/// Times the wanted patches that may be found, buried ones among them, before an edge counts as far too fine.
+const EXCESS: f64 = 16.0;
+/// Steps towards the edge that is wanted.
+const STEPS: u32 = 8;
+/// A count this near to the wanted one ends the search.
+const NEAR_ENOUGH: f64 = 0.03;
+
+/// An edge, and how many patches it makes.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct EdgeGuess {
+    /// m.
+    pub voxel_edge_m: f32,
+    /// About so many; `None` where it was only found that they are many more than wanted.
+    pub patches: Option<u64>,
+}
+
+/// Counts the patches of a scene.
+#[derive(Debug)]
+pub struct PatchCounter<'a> {
+    scene: &'a Scene,
+    /// All but the voxel edge counts.
+    parameters: &'a BakeParameters,
+    /// Built when it is first needed.
+    tracer: OnceLock<SceneTracer<'a>>,
+}
+
+impl<'a> PatchCounter<'a> {
+    /// Of `scene`, as `parameters` would bake it by area and axis.
+    #[must_use]
+    pub fn new(scene: &'a Scene, parameters: &'a BakeParameters) -> Self {
+        Self { scene, parameters, tracer: OnceLock::new() }
+    }
+
+    /// The edge within `edges_m` at which there are nearest to `patches`, to three digits.
+    ///
+    /// Costs some passes over all triangles and, below two million of them, a tree.
+    #[must_use]
+    pub fn edge_for(&self, patches: f64, edges_m: &RangeInclusive<f32>) -> EdgeGuess {
+        let within = |edge: f64| edge.clamp(f64::from(*edges_m.start()), f64::from(*edges_m.end()));
+        // Both sides of all surfaces, in squares. Never much finer: what is buried is not nearly all.
+        let start = within((2.0 * self.scene.surface_area() / patches).sqrt());
+        let finest = within(start / 4.0);
+        let mut edge = start;
+        for _ in 0..STEPS {
+            let factor = match self.patches_at(edge as f32, EXCESS * patches) {
+                None => EXCESS.sqrt(),
+                // Surfaces: patches go with the square of the edge.
+                Some(found) => (found / patches).sqrt(),
+            };
+            let next = within(edge * factor).max(finest);
+            let is_near = (next / edge - 1.0).abs() < NEAR_ENOUGH / 2.0;
+            edge = next;
+            if is_near {
+                break;
+            }
+        }
+        let voxel_edge_m = three_digits(edge) as f32;
+        let found = self.patches_at(voxel_edge_m, EXCESS * patches);
+        EdgeGuess { voxel_edge_m, patches: found.map(|found| found.round() as u64) }
+    }
+
+    /// About how many patches a voxel edge of `edge_m` makes; `None` for more than `most`, buried ones among them.
+    #[must_use]
+    pub fn patches_at(&self, edge_m: f32, most: f64) -> Option<f64> {
+        let grid = Grid { voxel_edge_m: edge_m, ..self.parameters.grid };
+        // Not by the bake's seed: its edge would hang on it.
+        let parameters = BakeParameters { grid, detail: 1, seed: 0, ..*self.parameters };
+        let places = self.places(edge_m, most as usize)?;
+        let count = places.len() as f64;
+        Some(count * self.exposed_share(places, &parameters))
+    }
+
+    /// Every direction that something faces in a voxel of `edge_m`, ascending; `None` for more than `most`.
+    fn places(&self, edge_m: f32, most: usize) -> Option<Vec<u64>> {
+        let found = Mutex::new(HashSet::new());
+        let triangles = self.scene.triangles.len();
+        let batches = (0..triangles.div_ceil(BATCH)).into_par_iter();
+        batches.try_for_each(|batch| {
+            let mut own = HashSet::new();
+            for triangle in batch * BATCH..((batch + 1) * BATCH).min(triangles) {
+                self.places_of(triangle, edge_m, &mut own);
+            }
+            let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
+            found.extend(own);
+            (found.len() <= most).then_some(())
+        })?;
+        let found = found.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let mut places: Vec<u64> = found.into_iter().collect();
+        places.sort_unstable();
+        Some(places)
+    }
+
+    fn places_of(&self, triangle: usize, edge_m: f32, places: &mut HashSet<u64>) {
+        let material = &self.scene.materials[self.scene.material_of[triangle] as usize];
+        let normal = self.scene.normal(triangle);
+        let sides: &[f32] =
+            if self.parameters.two_sided || material.double_sided { &[1.0, -1.0] } else { &[1.0] };
+        for side_normal in sides.iter().map(|&side| normal * side) {
+            let shifted =
+                self.scene.triangles[triangle].map(|corner| corner + side_normal * (OFF_SURFACE * edge_m));
+            let faced = side_weights(self.parameters.weights, side_normal);
+            clip_to_grid(shifted, edge_m, |voxel, _| {
+                let faced = faced.iter().filter(|(_, weight)| *weight > 0.0);
+                places.extend(faced.map(|(direction, _)| patch_key(voxel, direction.index())));
+            });
+        }
+    }
+
+    /// Share of `places` that have a point which is not buried, nor a hole.
+    fn exposed_share(&self, places: Vec<u64>, parameters: &BakeParameters) -> f64 {
+        let is_searched = parameters.buried_rays > 0 && self.scene.triangles.len() <= SEARCHED_TRIANGLES_MAX;
+        if !is_searched || places.is_empty() {
+            return 1.0;
+        }
+        let asked = drawn(places, parameters.seed);
+        let points = self.points_in(&asked, parameters);
+        let tracer = self.tracer.get_or_init(|| SceneTracer::new(self.scene));
+        let builder = Builder { tracer, parameters };
+        let exposed: usize = points
+            .into_par_iter()
+            .map(|(_, points)| {
+                let test = builder.exposure_test(tracer.into());
+                usize::from(points.iter().any(|point| test.of(point) != Exposure::Buried))
+            })
+            .sum();
+        exposed as f64 / asked.len() as f64
+    }
+
+    /// Some points of each of the `asked` places.
+    fn points_in(&self, asked: &HashSet<u64>, parameters: &BakeParameters) -> Vec<(u64, Vec<SurfaceSample>)> {
+        let triangles = self.scene.triangles.len();
+        let found: Vec<Vec<(u64, SurfaceSample)>> = (0..triangles.div_ceil(BATCH))
+            .into_par_iter()
+            .map(|batch| {
+                let mut found = Vec::new();
+                for triangle in batch * BATCH..((batch + 1) * BATCH).min(triangles) {
+                    sample_triangle(self.scene, triangle, parameters, EVERYWHERE, |sample| {
+                        let faced = side_weights(parameters.weights, sample.normal);
+                        let faced = faced.iter().filter(|(_, weight)| *weight > 0.0);
+                        let of_sample = faced.map(|(way, _)| patch_key(sample.voxel, way.index()));
+                        found.extend(of_sample.filter(|key| asked.contains(key)).map(|key| (key, sample)));
+                    });
+                }
+                found
+            })
+            .collect();
+        let mut by_place: BTreeMap<u64, Vec<SurfaceSample>> = BTreeMap::new();
+        for (key, sample) in found.into_iter().flatten() {
+            by_place.entry(key).or_default().push(sample);
+        }
+        let spread = |points: Vec<SurfaceSample>| {
+            let step = points.len().div_ceil(POINTS_ASKED);
+            points.into_iter().step_by(step).collect()
+        };
+        by_place.into_iter().map(|(key, points)| (key, spread(points))).collect()
+    }
+}
+
+/// Some of `places`, drawn by `seed`.
+fn drawn(mut places: Vec<u64>, seed: u64) -> HashSet<u64> {
+    places.sort_by_cached_key(|&key| hash(seed, Purpose::BuriedTest, key, 0));
+    places.truncate(PLACES_ASKED);
+    places.into_iter().collect()
+}
+
+/// `edge` to three significant digits: within 0.5 %, which is 1 % of patches.
+fn three_digits(edge: f64) -> f64 {
+    let unit = 10f64.powf(edge.log10().floor() - 2.0);
+    (edge / unit).round() * unit
+}

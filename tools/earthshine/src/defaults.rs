@@ -1,0 +1,214 @@
+//! What a bake is made of where nothing was said: voxel edge, detail, its rays and points, by the size of the world.
+//!
+//! Rooms and buildings get about as many patches as a server keeps well, and detail on top; worlds of kilometres get none,
+//! since bytes and seconds grow with it. `tools/bake/ACCURACY.md` has the measurements behind the numbers here.
+
+use crate::scene_source::SceneSource;
+use earthshine_bake::fineness::PatchCounter;
+use earthshine_bake::surfaces::is_streamed;
+use earthshine_gen::WorldKind;
+use earthshine_tiles::BakeParameters;
+use earthshine_world::{Grid, Vec3};
+use serde::Serialize;
+use std::ops::RangeInclusive;
+
+/// Patches that the voxel edge of a file aims at.
+const PATCHES_AIM: f64 = 13_000.0;
+/// Edges that are chosen, m.
+const EDGES_M: RangeInclusive<f32> = 0.016..=4.0;
+/// Most patches of a world with detail: several times what a building has.
+const DETAILED_PATCHES_MAX: u64 = 50_000;
+/// Most rays that detail may take: some two minutes of two cores.
+const DETAIL_RAYS_MAX: u64 = 1 << 28;
+/// Rays of a part come in steps of so many.
+const RAYS_STEP: u64 = 64;
+/// Details that are tried, the best first, and the rays that a part of a patch casts at least and at most. The edges of
+/// sunlight and lamplight are sharp, and direct light has no noise of rays.
+const SHARP: Steps = Steps { details: &[8, 4, 2], rays: [256, 512] };
+/// The same for scenes in which surfaces emit: their light is soft, and few rays find them.
+const SOFT: Steps = Steps { details: &[2], rays: [1024, 2048] };
+/// Sample points of a patch, and of a voxel face, in worlds with detail and in those without.
+const POINTS: [u32; 2] = [64, 16];
+/// Bytes on disk of a patch with its row and the receivers about it; of a part of one, and of each column of its row.
+const PATCH_BYTES: u64 = 1500;
+const PART_BYTES: u64 = 33;
+const COLUMN_BYTES: f64 = 0.9;
+
+/// What somebody asked for, as far as they did.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Wish {
+    pub(crate) voxel_edge_m: Option<f32>,
+    pub(crate) detail: Option<u32>,
+    pub(crate) detail_rays: Option<u32>,
+    pub(crate) points_per_patch: Option<u32>,
+    pub(crate) samples_per_face: Option<u32>,
+}
+
+/// Parameters of a bake, and what they were chosen for.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct Chosen {
+    #[serde(skip)]
+    pub(crate) parameters: BakeParameters,
+    voxel_edge_m: f32,
+    detail: u32,
+    detail_rays: u32,
+    points_per_patch: u32,
+    /// Patches that were counted beforehand; `None` where nothing hung on them, or they were too many to count.
+    patches_guessed: Option<u64>,
+    /// What the world may take.
+    bytes_guessed: Option<u64>,
+    /// Whether nobody asked for the voxel edge.
+    is_voxel_chosen: bool,
+    /// Whether nobody asked for the detail.
+    is_detail_chosen: bool,
+}
+
+/// Details, and how many rays go with them.
+struct Steps {
+    details: &'static [u32],
+    rays: [u32; 2],
+}
+
+/// Detail voxels along a voxel's edge, and rays of a part in one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Detail {
+    per_edge: u32,
+    rays: u32,
+}
+
+impl Wish {
+    /// `base` with all that was asked for, and what suits `source` for the rest.
+    pub(crate) fn granted(self, source: &SceneSource, base: BakeParameters) -> Chosen {
+        let counter = PatchCounter::new(&source.scene, &base);
+        let mut found = None;
+        let voxel_edge_m = self.voxel_edge_m.or(source.kind.map(generated_edge_m)).unwrap_or_else(|| {
+            let guess = counter.edge_for(PATCHES_AIM, &EDGES_M);
+            found = Some(guess.patches);
+            guess.voxel_edge_m
+        });
+        let grid = Grid { voxel_edge_m, ..base.grid };
+        let emits = source.scene.materials.iter().any(|material| material.emitted_radiance != Vec3::ZERO);
+        // Clusters and sums over points are for offline comparisons of patches.
+        let is_counted = self.detail.is_none() && is_streamed(&base.method);
+        let patches_guessed = match found {
+            None if is_counted => counted(&counter, voxel_edge_m),
+            _ => found.flatten(),
+        };
+        let fitting =
+            if is_counted { patches_guessed.and_then(|patches| fitting(patches, emits)) } else { None };
+        let none = Detail { per_edge: self.detail.unwrap_or(1), rays: base.detail_rays };
+        let Detail { per_edge: detail, rays } = fitting.unwrap_or(none);
+        let points = POINTS[usize::from(detail == 1)];
+        let parameters = BakeParameters {
+            grid,
+            detail,
+            detail_rays: self.detail_rays.unwrap_or(rays),
+            points_per_patch: self.points_per_patch.unwrap_or(points),
+            samples_per_voxel_face: self.samples_per_face.unwrap_or(points),
+            ..base
+        };
+        Chosen {
+            parameters,
+            voxel_edge_m,
+            detail,
+            detail_rays: parameters.detail_rays,
+            points_per_patch: parameters.points_per_patch,
+            patches_guessed,
+            bytes_guessed: patches_guessed.map(|patches| bytes(patches, &parameters)),
+            is_voxel_chosen: self.voxel_edge_m.is_none(),
+            is_detail_chosen: self.detail.is_none(),
+        }
+    }
+}
+
+impl Chosen {
+    /// What was chosen, and for what, in a line; `None` if nothing was.
+    pub(crate) fn told(&self) -> Option<String> {
+        let Self { voxel_edge_m, detail, detail_rays, points_per_patch, .. } = self;
+        let voxel = self.is_voxel_chosen.then(|| format!("voxels of {voxel_edge_m} m"));
+        let detail = self.is_detail_chosen.then(|| match detail {
+            1 => "no detail".to_owned(),
+            detail => format!("detail {detail} ({detail_rays} rays, {points_per_patch} points a patch)"),
+        });
+        let chosen: Vec<String> = voxel.into_iter().chain(detail).collect();
+        let size = self
+            .patches_guessed
+            .zip(self.bytes_guessed)
+            .map_or(" for a world of many patches".to_owned(), |(patches, bytes)| {
+                format!(" for about {patches} patches: about {:.0} MB", bytes as f64 / 1e6)
+            });
+        (!chosen.is_empty()).then(|| format!("{}, chosen{size}", chosen.join(", ")))
+    }
+}
+
+/// About how many patches an edge makes, if not too many for any detail.
+fn counted(counter: &PatchCounter<'_>, voxel_edge_m: f32) -> Option<u64> {
+    // What cannot be an edge is refused by the bake, in its own words.
+    let is_edge = voxel_edge_m.is_finite() && voxel_edge_m > 0.0;
+    // Half of all places may be buried.
+    let most = 2.0 * DETAILED_PATCHES_MAX as f64;
+    let found = if is_edge { counter.patches_at(voxel_edge_m, most) } else { None };
+    found.map(|patches| patches.round() as u64)
+}
+
+/// The most detail that so many patches may have, if any.
+fn fitting(patches: u64, emits: bool) -> Option<Detail> {
+    if patches > DETAILED_PATCHES_MAX {
+        return None;
+    }
+    let Steps { details, rays: [fewest, most] } = if emits { SOFT } else { SHARP };
+    details.iter().find_map(|&per_edge| {
+        let rays = DETAIL_RAYS_MAX / parts(patches, per_edge).max(1) / RAYS_STEP * RAYS_STEP;
+        let rays = rays.min(u64::from(most)) as u32;
+        (rays >= fewest).then_some(Detail { per_edge, rays })
+    })
+}
+
+/// About how many parts detail makes of so many patches: fewer than squares, as what is small does not fill them. Cornell
+/// box, office and Sponza: 3.5 to 3.8 at 2, 13.5 to 14.4 at 4, 45 to 53 at 8.
+fn parts(patches: u64, per_edge: u32) -> u64 {
+    let tenths = match per_edge {
+        1 => 0,
+        2 => 36,
+        4 => 140,
+        _ => 480,
+    };
+    patches * tenths / 10
+}
+
+fn bytes(patches: u64, parameters: &BakeParameters) -> u64 {
+    let columns = f64::from(parameters.detail_rays.min(parameters.detail_columns));
+    let of_part = PART_BYTES + (columns * COLUMN_BYTES) as u64;
+    patches * PATCH_BYTES + parts(patches, parameters.detail) * of_part
+}
+
+fn generated_edge_m(kind: WorldKind) -> f32 {
+    match kind {
+        WorldKind::Cornell => 0.14,
+        WorldKind::Furnace => 0.25,
+        WorldKind::TwoRooms => 0.5,
+        WorldKind::Corridor => 1.0,
+        WorldKind::Town => 2.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn detail_is_what_the_rays_suffice_for() {
+        let of = |patches, emits| fitting(patches, emits).map(|detail| (detail.per_edge, detail.rays));
+        assert_eq!(of(1_000, false), Some((8, 512)));
+        assert_eq!(of(13_000, false), Some((8, 384)));
+        assert_eq!(of(47_000, false), Some((4, 384)));
+        assert_eq!(of(2_000, true), Some((2, 2048)));
+        assert_eq!(of(47_000, true), Some((2, 1536)));
+        assert_eq!((of(60_000, false), of(60_000, true)), (None, None));
+        assert_eq!(of(0, false), Some((8, 512)));
+        for patches in (0..DETAILED_PATCHES_MAX).step_by(137) {
+            let Some(Detail { per_edge, rays }) = fitting(patches, false) else { continue };
+            assert!(parts(patches, per_edge) * u64::from(rays) <= DETAIL_RAYS_MAX, "{patches}");
+        }
+    }
+}
