@@ -20,8 +20,13 @@ const EDGES_M: RangeInclusive<f32> = 0.016..=4.0;
 const DETAILED_PATCHES_MAX: u64 = 50_000;
 /// Most rays that detail may take: some two minutes of two cores.
 const DETAIL_RAYS_MAX: u64 = 1 << 28;
+/// Most columns that rows of detail may have in all, of 8 bytes each where they are decoded: a server's
+/// `engine.decoded_bytes_max` has room for the rest.
+const DETAIL_COLUMNS_MAX: u64 = 50_000_000;
 /// Rays of a part come in steps of so many.
 const RAYS_STEP: u64 = 64;
+/// Most columns of a part: more tell nothing.
+const COLUMNS_MOST: u32 = 192;
 /// Details that are tried, the best first, and the rays that a part of a patch casts at least and at most. The edges of
 /// sunlight and lamplight are sharp, and direct light has no noise of rays.
 const SHARP: Steps = Steps { details: &[8, 4, 2], rays: [256, 512] };
@@ -40,6 +45,7 @@ pub(crate) struct Wish {
     pub(crate) voxel_edge_m: Option<f32>,
     pub(crate) detail: Option<u32>,
     pub(crate) detail_rays: Option<u32>,
+    pub(crate) detail_columns: Option<u32>,
     pub(crate) points_per_patch: Option<u32>,
     pub(crate) samples_per_face: Option<u32>,
 }
@@ -52,6 +58,7 @@ pub(crate) struct Chosen {
     voxel_edge_m: f32,
     detail: u32,
     detail_rays: u32,
+    detail_columns: u32,
     points_per_patch: u32,
     /// Patches that were counted beforehand; `None` where nothing hung on them, or they were too many to count.
     patches_guessed: Option<u64>,
@@ -69,11 +76,12 @@ struct Steps {
     rays: [u32; 2],
 }
 
-/// Detail voxels along a voxel's edge, and rays of a part in one.
+/// Detail voxels along a voxel's edge, and rays and columns of a part in one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Detail {
     per_edge: u32,
     rays: u32,
+    columns: u32,
 }
 
 impl Wish {
@@ -96,13 +104,14 @@ impl Wish {
         };
         let fitting =
             if is_counted { patches_guessed.and_then(|patches| fitting(patches, emits)) } else { None };
-        let none = Detail { per_edge: self.detail.unwrap_or(1), rays: base.detail_rays };
-        let Detail { per_edge: detail, rays } = fitting.unwrap_or(none);
+        let none = Detail { per_edge: self.detail.unwrap_or(1), rays: base.detail_rays, columns: base.detail_columns };
+        let Detail { per_edge: detail, rays, columns } = fitting.unwrap_or(none);
         let points = POINTS[usize::from(detail == 1)];
         let parameters = BakeParameters {
             grid,
             detail,
             detail_rays: self.detail_rays.unwrap_or(rays),
+            detail_columns: self.detail_columns.unwrap_or(columns),
             points_per_patch: self.points_per_patch.unwrap_or(points),
             samples_per_voxel_face: self.samples_per_face.unwrap_or(points),
             ..base
@@ -112,6 +121,7 @@ impl Wish {
             voxel_edge_m,
             detail,
             detail_rays: parameters.detail_rays,
+            detail_columns: parameters.detail_columns,
             points_per_patch: parameters.points_per_patch,
             patches_guessed,
             bytes_guessed: patches_guessed.map(|patches| bytes(patches, &parameters)),
@@ -158,9 +168,10 @@ fn fitting(patches: u64, emits: bool) -> Option<Detail> {
     }
     let Steps { details, rays: [fewest, most] } = if emits { SOFT } else { SHARP };
     details.iter().find_map(|&per_edge| {
-        let rays = DETAIL_RAYS_MAX / parts(patches, per_edge).max(1) / RAYS_STEP * RAYS_STEP;
-        let rays = rays.min(u64::from(most)) as u32;
-        (rays >= fewest).then_some(Detail { per_edge, rays })
+        let parts = parts(patches, per_edge).max(1);
+        let rays = (DETAIL_RAYS_MAX / parts / RAYS_STEP * RAYS_STEP).min(u64::from(most)) as u32;
+        let columns = (DETAIL_COLUMNS_MAX / parts).min(u64::from(COLUMNS_MOST)) as u32;
+        (rays >= fewest).then_some(Detail { per_edge, rays, columns })
     })
 }
 
@@ -198,17 +209,18 @@ mod tests {
 
     #[test]
     fn detail_is_what_the_rays_suffice_for() {
-        let of = |patches, emits| fitting(patches, emits).map(|detail| (detail.per_edge, detail.rays));
-        assert_eq!(of(1_000, false), Some((8, 512)));
-        assert_eq!(of(13_000, false), Some((8, 384)));
-        assert_eq!(of(47_000, false), Some((4, 384)));
-        assert_eq!(of(2_000, true), Some((2, 2048)));
-        assert_eq!(of(47_000, true), Some((2, 1536)));
+        let of = |patches, emits| fitting(patches, emits).map(|detail| (detail.per_edge, detail.rays, detail.columns));
+        assert_eq!(of(1_000, false), Some((8, 512, 192)));
+        assert_eq!(of(13_000, false), Some((8, 384, 80)));
+        assert_eq!(of(47_000, false), Some((4, 384, 75)));
+        assert_eq!(of(2_000, true), Some((2, 2048, 192)));
+        assert_eq!(of(47_000, true), Some((2, 1536, 192)));
         assert_eq!((of(60_000, false), of(60_000, true)), (None, None));
-        assert_eq!(of(0, false), Some((8, 512)));
+        assert_eq!(of(0, false), Some((8, 512, 192)));
         for patches in (0..DETAILED_PATCHES_MAX).step_by(137) {
-            let Some(Detail { per_edge, rays }) = fitting(patches, false) else { continue };
-            assert!(parts(patches, per_edge) * u64::from(rays) <= DETAIL_RAYS_MAX, "{patches}");
+            let Some(Detail { per_edge, rays, columns }) = fitting(patches, false) else { continue };
+            let all = |each: u32| parts(patches, per_edge) * u64::from(each);
+            assert!(all(rays) <= DETAIL_RAYS_MAX && all(columns) <= DETAIL_COLUMNS_MAX, "{patches}");
         }
     }
 }

@@ -56,9 +56,9 @@ pub(crate) struct QualityArguments {
     /// Rays of a part of a patch in a detail voxel. Default: chosen with --detail auto, 128 to 2048; else 512.
     #[arg(long)]
     detail_rays: Option<u32>,
-    /// Most columns of a detail voxel's row.
-    #[arg(long, default_value_t = 192)]
-    detail_columns: u32,
+    /// Most columns of such a part's row. Default: 192, fewer with --detail auto where a server would not hold them.
+    #[arg(long)]
+    detail_columns: Option<u32>,
     /// Every random number hangs on it.
     #[arg(long, default_value_t = 1)]
     pub(crate) seed: u64,
@@ -127,8 +127,8 @@ impl QualityArguments {
             Detail::Auto => None,
             Detail::Exactly(detail) => Some(detail),
         };
-        let Self { voxel: voxel_edge_m, detail_rays, points_per_patch, samples_per_face, .. } = *self;
-        let wish = Wish { voxel_edge_m, detail, detail_rays, points_per_patch, samples_per_face };
+        let Self { voxel: voxel_edge_m, detail_rays, detail_columns, points_per_patch, samples_per_face, .. } = *self;
+        let wish = Wish { voxel_edge_m, detail, detail_rays, detail_columns, points_per_patch, samples_per_face };
         wish.granted(source, self.base(source))
     }
 
@@ -139,6 +139,7 @@ impl QualityArguments {
             voxel: self.voxel.or(Some(before.grid.voxel_edge_m)),
             detail,
             detail_rays: self.detail_rays.or(Some(before.detail_rays)),
+            detail_columns: self.detail_columns.or(Some(before.detail_columns)),
             points_per_patch: self.points_per_patch.or(Some(before.points_per_patch)),
             samples_per_face: self.samples_per_face.or(Some(before.samples_per_voxel_face)),
             ..self.clone()
@@ -161,7 +162,6 @@ impl QualityArguments {
             receiver_reach_voxels: self.receivers,
             receiver_rays: self.receiver_rays,
             receiver_columns: self.receiver_columns,
-            detail_columns: self.detail_columns,
             method: self.method.method(),
             ..BakeParameters::default()
         };
