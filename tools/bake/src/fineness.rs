@@ -30,6 +30,8 @@ const POINTS_ASKED: usize = 8;
 const SEARCHED_TRIANGLES_MAX: usize = 2_000_000;
 /// Times the wanted patches that may be found, buried ones among them, before an edge counts as far too fine.
 const EXCESS: f64 = 16.0;
+/// Faces of voxels that surfaces would fill for each place that may be found: with more, nothing is cut to pieces.
+const FACES_A_PLACE_MAX: f64 = 64.0;
 /// Steps towards the edge that is wanted.
 const STEPS: u32 = 8;
 /// A count this near to the wanted one ends the search.
@@ -102,6 +104,10 @@ impl<'a> PatchCounter<'a> {
 
     /// Every direction that something faces in a voxel of `edge_m`, ascending; `None` for more than `most`.
     fn places(&self, edge_m: f32, most: usize) -> Option<Vec<u64>> {
+        let faces = 2.0 * self.scene.surface_area() / f64::from(edge_m).powi(2);
+        if faces > FACES_A_PLACE_MAX * most as f64 {
+            return None;
+        }
         let found = Mutex::new(HashSet::new());
         let triangles = self.scene.triangles.len();
         let batches = (0..triangles.div_ceil(BATCH)).into_par_iter();

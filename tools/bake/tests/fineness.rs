@@ -74,6 +74,8 @@ fn what_is_far_too_much_is_not_counted_and_edges_stay_in_their_range() {
     let parameters = BakeParameters::default();
     let counter = PatchCounter::new(&scene, &parameters);
     assert_eq!(counter.patches_at(0.25, 100.0), None);
+    // Nobody waits for a thousand billion pieces.
+    assert_eq!(counter.patches_at(1e-5, 100.0), None);
     let coarse = counter.edge_for(10.0, &(0.125..=0.5));
     assert_eq!((coarse.voxel_edge_m, coarse.patches), (0.5, None));
     let fine = counter.edge_for(1e9, &(0.5..=4.0));

@@ -22,7 +22,7 @@ const DETAILED_PATCHES_MAX: u64 = 50_000;
 const DETAIL_RAYS_MAX: u64 = 1 << 28;
 /// Most columns that rows of detail may have in all, of 8 bytes each where they are decoded: a server's
 /// `engine.decoded_bytes_max` has room for the rest.
-const DETAIL_COLUMNS_MAX: u64 = 50_000_000;
+const DETAIL_COLUMNS_MAX: u64 = 51_000_000;
 /// Rays of a part come in steps of so many.
 const RAYS_STEP: u64 = 64;
 /// Most columns of a part: more tell nothing.
@@ -104,7 +104,11 @@ impl Wish {
         };
         let fitting =
             if is_counted { patches_guessed.and_then(|patches| fitting(patches, emits)) } else { None };
-        let none = Detail { per_edge: self.detail.unwrap_or(1), rays: base.detail_rays, columns: base.detail_columns };
+        let none = Detail {
+            per_edge: self.detail.unwrap_or(1),
+            rays: base.detail_rays,
+            columns: base.detail_columns,
+        };
         let Detail { per_edge: detail, rays, columns } = fitting.unwrap_or(none);
         let points = POINTS[usize::from(detail == 1)];
         let parameters = BakeParameters {
@@ -209,10 +213,12 @@ mod tests {
 
     #[test]
     fn detail_is_what_the_rays_suffice_for() {
-        let of = |patches, emits| fitting(patches, emits).map(|detail| (detail.per_edge, detail.rays, detail.columns));
+        let of = |patches, emits| {
+            fitting(patches, emits).map(|detail| (detail.per_edge, detail.rays, detail.columns))
+        };
         assert_eq!(of(1_000, false), Some((8, 512, 192)));
-        assert_eq!(of(13_000, false), Some((8, 384, 80)));
-        assert_eq!(of(47_000, false), Some((4, 384, 75)));
+        assert_eq!(of(13_000, false), Some((8, 384, 81)));
+        assert_eq!(of(47_000, false), Some((4, 384, 77)));
         assert_eq!(of(2_000, true), Some((2, 2048, 192)));
         assert_eq!(of(47_000, true), Some((2, 1536, 192)));
         assert_eq!((of(60_000, false), of(60_000, true)), (None, None));

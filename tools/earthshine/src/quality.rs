@@ -127,8 +127,11 @@ impl QualityArguments {
             Detail::Auto => None,
             Detail::Exactly(detail) => Some(detail),
         };
-        let Self { voxel: voxel_edge_m, detail_rays, detail_columns, points_per_patch, samples_per_face, .. } = *self;
-        let wish = Wish { voxel_edge_m, detail, detail_rays, detail_columns, points_per_patch, samples_per_face };
+        let Self {
+            voxel: voxel_edge_m, detail_rays, detail_columns, points_per_patch, samples_per_face, ..
+        } = *self;
+        let wish =
+            Wish { voxel_edge_m, detail, detail_rays, detail_columns, points_per_patch, samples_per_face };
         wish.granted(source, self.base(source))
     }
 
