@@ -116,6 +116,22 @@ fn a_file_cut_under_the_map_is_an_error() {
     assert!(matches!(tile.decode_rows(0..1), Err(TileError::Truncated { .. })));
 }
 
+#[cfg(unix)]
+#[test]
+fn a_file_deleted_or_replaced_under_the_map_is_read_as_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("deleted.tile");
+    let encoded = |seed| encode(&random_chunk(seed, 200, 200), &options(RowCodec::Full)).unwrap();
+    write_atomic(&path, &encoded(6)).unwrap();
+    let tile = MappedTile::open(&path).unwrap();
+    let before = tile.decode().unwrap();
+    std::fs::remove_file(&path).unwrap();
+    assert_eq!(tile.decode().unwrap(), before);
+    write_atomic(&path, &encoded(7)).unwrap();
+    assert_eq!(tile.decode().unwrap(), before);
+    assert_ne!(MappedTile::open(&path).unwrap().decode().unwrap(), before);
+}
+
 #[test]
 fn impossible_chunks_are_refused_by_name() {
     type Change = fn(&mut Chunk);

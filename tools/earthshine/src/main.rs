@@ -87,7 +87,6 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    memory::give_back_what_is_freed();
     let arguments = Arguments::parse();
     if let Err(error) = start_logging(&arguments).and_then(|()| start_threads(arguments.threads)) {
         eprintln!("error: {error:#}");
