@@ -22,8 +22,7 @@ pub(crate) struct QualityArguments {
     /// Rays a patch. The error of a row falls with its square root; time grows in step.
     #[arg(long, default_value_t = 1024)]
     rays: u32,
-    /// Sample points a patch keeps for direct light. Default: 64 in worlds small enough for detail by `--detail auto`,
-    /// else 16.
+    /// Sample points a patch keeps for direct light. Default: 64 where there is detail, else 16.
     #[arg(long)]
     points_per_patch: Option<u32>,
     /// Points that cover a voxel face of surface. Default: as --points-per-patch.
@@ -53,7 +52,7 @@ pub(crate) struct QualityArguments {
     /// kilometres; the summary says which.
     #[arg(long, default_value = "auto")]
     detail: Detail,
-    /// Rays of a part of a patch in a detail voxel. Default: chosen with --detail auto, 128 to 2048; else 512.
+    /// Rays of a part of a patch in a detail voxel. Default: chosen with --detail auto, 256 to 2048; else 512.
     #[arg(long)]
     detail_rays: Option<u32>,
     /// Most columns of such a part's row. Default: 192, fewer with --detail auto where a server would not hold them.

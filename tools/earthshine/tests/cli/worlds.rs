@@ -98,7 +98,7 @@ fn a_manifest_of_another_version() {
         text.replace(&format!("format_version = {}", format::VERSION), "format_version = 77"),
     )
     .expect("a scratch folder");
-    for command in [&["inspect", "world"][..], &["serve", "world"], &bake("cornell", "world")[..8]] {
+    for command in [&["inspect", "world"][..], &["serve", "world"], &bake("cornell", "world")[..10]] {
         run(folder.path(), command).fails(WORLD, &["world.toml", "format version 77", "this program reads"]);
     }
 }
@@ -106,8 +106,8 @@ fn a_manifest_of_another_version() {
 #[test]
 fn a_detail_that_voxels_cannot_be_cut_in() {
     let folder = world();
-    let cut = [&bake("cornell", "other")[..], &["--detail", "3"]].concat();
-    run(folder.path(), &cut).fails(USAGE, &["--detail", "1, 2, 4 or 8"]);
+    run(folder.path(), &["bake", "cornell", "other", "--voxel", "0.5", "--detail", "3"])
+        .fails(USAGE, &["--detail", "1, 2, 4 or 8"]);
     assert!(std::fs::read_dir(folder.path().join("other")).is_err(), "nothing is begun");
     let path = folder.path().join("world/world.toml");
     let text = std::fs::read_to_string(&path).expect("a manifest");
