@@ -107,7 +107,7 @@ fn a_manifest_of_another_version() {
 fn a_detail_that_voxels_cannot_be_cut_in() {
     let folder = world();
     run(folder.path(), &["bake", "cornell", "other", "--voxel", "0.5", "--detail", "3"])
-        .fails(USAGE, &["--detail", "1, 2, 4 or 8"]);
+        .fails(USAGE, &["--detail", "1, 2, 4, 8 or auto"]);
     assert!(std::fs::read_dir(folder.path().join("other")).is_err(), "nothing is begun");
     let path = folder.path().join("world/world.toml");
     let text = std::fs::read_to_string(&path).expect("a manifest");
