@@ -56,7 +56,8 @@ impl Streams {
             let store = DeltaStore::of_detail(layer, dims, detail_edge_m, limits.snap_voxels);
             Some(Stream { store, flow: Flow::new(limits.in_flight_max), is_news: false })
         };
-        let details = (0..detail_layers).filter_map(detail);
+        // The last goes first: what is read alone until others come is to be the layer of the most surface.
+        let details = (0..detail_layers).rev().filter_map(detail);
         Self { streams: details.chain((0..levels).filter_map(stream)).collect() }
     }
 

@@ -16,7 +16,7 @@ use crate::local_set::LocalSet;
 use crate::{EngineConfig, PatchLight};
 use earthshine_radiosity::receivers::ReceiverLight;
 use earthshine_world::lineage::Lineage;
-use earthshine_world::{Chunk, ChunkId, Grid, LightRig, Vec3, VoxelCoord};
+use earthshine_world::{Chunk, ChunkId, Grid, LightRig, ReceiverPlace, Vec3, VoxelCoord};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
@@ -313,7 +313,9 @@ fn nearest<'a>(
     near
 }
 
-/// How many of `rows` are of surfaces.
+/// How many of `rows` are of surfaces, those in one detail voxel counted once a direction: each further layer is told in a delta of
+/// its own.
 fn detail_count(chunk: &Chunk, rows: Range<usize>) -> usize {
-    chunk.receivers.places[rows].iter().filter(|place| place.detail.is_some()).count()
+    let is_first = |place: &&ReceiverPlace| place.detail.is_some_and(|detail| detail.layer == 0);
+    chunk.receivers.places[rows].iter().filter(is_first).count()
 }

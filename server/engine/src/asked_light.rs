@@ -1,7 +1,7 @@
 //! Direct light that somebody else was asked for, for one local set: whose it is, and what it rests on.
 //!
 //! Nobody waits for it. When it comes it goes to the patch that it was asked for, if that still holds its slot, and never
-//! takes the place of newer light ([`crate::relight`]); a set that is dropped forgets it.
+//! takes the place of newer light ([`crate::relight`]); a set that is dropped or cleared forgets it.
 
 use crate::relight::Stamp;
 use earthshine_light::{LightLook, LightUnderWay};
@@ -35,6 +35,13 @@ pub(crate) struct AskedLight(VecDeque<(Question, Box<dyn LightUnderWay>)>);
 impl AskedLight {
     pub(crate) fn len(&self) -> usize {
         self.0.len()
+    }
+
+    /// Slots asked for, each with the tick that it was asked in.
+    #[cfg(test)]
+    pub(crate) fn slots(&self) -> impl Iterator<Item = (u64, u32)> {
+        let of = |(question, _): &(Question, _)| (question.tick, question.patches.clone());
+        self.0.iter().map(of).flat_map(|(tick, patches)| patches.into_iter().map(move |of| (tick, of.slot)))
     }
 
     /// Whether no other question is to be asked.

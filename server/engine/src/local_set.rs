@@ -292,6 +292,8 @@ impl LocalSet {
         }
         self.residents.fill_with(|| None);
         self.moved.clear();
+        // What is asked of those who left is not to stand in the way of who comes.
+        self.asked = AskedLight::default();
         self.free = (0..self.capacity()).collect();
         self.is_order_old = true;
         self.needs_step = true;

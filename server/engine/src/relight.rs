@@ -37,7 +37,7 @@ pub(crate) struct SlotLight {
     on_points: Box<[Rgb]>,
     /// What it was computed from; nothing before the first time.
     lit: Option<Stamp>,
-    /// The tick that it was computed in, or asked for.
+    /// The tick that it was computed in, or asked for; before the first time, the tick that the patch came in.
     lit_tick: u64,
     /// When somebody else was last asked for it, and what that will rest on; nothing once it has come.
     asked: Option<(u64, Stamp)>,
@@ -70,7 +70,13 @@ impl SlotLight {
 
     /// What it rests on, or will once it has come, and since when: the newest there is.
     fn newest(&self) -> (Option<Stamp>, u64) {
-        self.asked.map_or((self.lit, self.lit_tick), |(tick, stamp)| (Some(stamp), tick))
+        let lit_tick = if self.lit.is_some() { self.lit_tick } else { 0 };
+        self.asked.map_or((self.lit, lit_tick), |(tick, stamp)| (Some(stamp), tick))
+    }
+
+    /// The patch took its slot in `tick`.
+    pub(crate) fn came(&mut self, tick: u64) {
+        self.lit_tick = tick;
     }
 
     /// Takes what was computed or asked for in `tick`.
@@ -177,7 +183,9 @@ impl<'a> Relight<'a> {
         let turn = |(slot, light): (u32, &SlotLight)| {
             let (stamp, tick) = light.newest();
             let has_lights = stamp.is_some_and(|stamp| stamp.lights == self.stamp.lights);
-            (stamp != Some(self.stamp)).then_some((has_lights, tick, slot))
+            // Answers are told apart by the tick of their question: a slot is asked for once a tick.
+            let is_asked_now = light.asked.is_some_and(|(asked_tick, _)| asked_tick == self.tick);
+            (stamp != Some(self.stamp) && !is_asked_now).then_some((has_lights, tick, slot))
         };
         let lights = local.iter().map(|(slot, resident)| (slot, &resident.light));
         let mut unasked: Vec<_> = lights.filter_map(turn).collect();

@@ -80,7 +80,9 @@ impl LevelView {
         }
         let added = if newcomers.is_empty() { Default::default() } else { local.add(&newcomers) };
         for &slot in &added.slots {
-            table.hold(local.resident(slot).id.chunk);
+            let resident = local.resident_mut(slot);
+            resident.light.came(tick);
+            table.hold(resident.id.chunk);
         }
         let (lit, spent) = self.relight(table, lighting, tick).light(local, &added.slots, u32::MAX);
         self.is_plan_old |= added.weak_pivots + added.refused > 0;

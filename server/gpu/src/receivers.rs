@@ -191,6 +191,7 @@ impl GpuReceivers {
         self.room.readback.record(recorder.encoder(), &[&self.room.gathered]);
         let submission = recorder.submit()?;
         self.room.readback.submitted(submission);
+        self.sampling.end(&self.device, &mut self.timing)?;
         Ok(())
     }
 
@@ -251,8 +252,10 @@ impl GpuReceivers {
         let given = self.column_room.take(wanted, column_bytes, self.column_bytes_max);
         let columns = given.map_err(too_large(column_bytes))? / strides.1 as u64;
         let rows = (2 * rows).max(ROWS_MIN).min(binding / strides.0 as u64);
-        self.rows = Arena::new(&self.device, "receivers", strides.0, rows)?;
-        self.columns = Arena::new(&self.device, "receiver columns", strides.1, columns)?;
+        let made = Arena::new(&self.device, "receivers", strides.0, rows)
+            .and_then(|rows| Ok((rows, Arena::new(&self.device, "receiver columns", strides.1, columns)?)));
+        // Room for what could not be had is left to others.
+        (self.rows, self.columns) = made.inspect_err(|_| self.column_room = RowRoom::new(&self.device))?;
         Ok(())
     }
 
@@ -306,7 +309,6 @@ impl GpuReceivers {
                 let bytes = &bytes[..rows * size_of::<GatheredLight>()];
                 sums = bytemuck::pod_collect_to_vec::<u8, GatheredLight>(bytes).iter().map(sums_of).collect();
             })?;
-            self.sampling.end(&self.device, &mut self.timing)?;
         }
         Ok(sums)
     }

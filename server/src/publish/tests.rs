@@ -194,6 +194,28 @@ fn clients_of_any_pace_end_with_the_same_light() {
     }
 }
 
+/// Goal: clients read planes as the bake wrote them. Method: normals of all octants and along all axes, points in their planes and
+/// beside them.
+#[test]
+fn clients_read_planes_as_they_were_written() {
+    for at in 0..27 {
+        let axis = |place: i32| (at / place % 3 - 1) as f32;
+        let normal = Vec3::new(axis(1), axis(3) * 0.7, axis(9) * 0.4);
+        if normal == Vec3::ZERO {
+            continue;
+        }
+        let normal = normal.normalize();
+        for distance in [-0.45, 0.0, 0.3] {
+            let code = SurfacePlane::new(normal, distance).code();
+            let trust =
+                |along: f32, normal: Vec3| tilt::trust(code, normal * along, normal).expect("it is told");
+            assert!(trust(distance, normal) > 0.8, "{normal} {distance}: {}", trust(distance, normal));
+            assert!(trust(distance + 0.3, normal) < 0.1);
+            assert!(trust(distance, -normal) < 0.01);
+        }
+    }
+}
+
 /// Goal: each layer of detail is a volume of its own, in one place, and says in which planes its surfaces lie. Method: two layers in
 /// one detail voxel, one alone in another.
 #[test]

@@ -7,8 +7,9 @@ use crate::scene_source::SceneSource;
 use earthshine_bake::fineness::PatchCounter;
 use earthshine_bake::surfaces::is_streamed;
 use earthshine_gen::WorldKind;
+use earthshine_scene::Scene;
 use earthshine_tiles::BakeParameters;
-use earthshine_world::{Grid, Vec3};
+use earthshine_world::{Grid, Receivers, Vec3};
 use serde::Serialize;
 use std::ops::RangeInclusive;
 
@@ -23,6 +24,8 @@ const DETAIL_RAYS_MAX: u64 = 1 << 28;
 /// Most columns that rows of detail may have in all, of 8 bytes each where they are decoded: a server's
 /// `engine.decoded_bytes_max` has room for the rest.
 const DETAIL_COLUMNS_MAX: u64 = 51_000_000;
+/// Most parts, though all lay in one chunk: layers make a fifth more receivers of them.
+const CHUNK_PARTS_MAX: u64 = Receivers::COUNT_MAX as u64 * 5 / 6;
 /// Rays of a part come in steps of so many.
 const RAYS_STEP: u64 = 64;
 /// Columns of a part, at least and at most: fewer are noise (80 instead of 192 took Sponza's median from 3.6 to 5.1 %), more
@@ -96,7 +99,8 @@ impl Wish {
             guess.voxel_edge_m
         });
         let grid = Grid { voxel_edge_m, ..base.grid };
-        let emits = source.scene.materials.iter().any(|material| material.emitted_radiance != Vec3::ZERO);
+        let Scene { materials, material_of, .. } = &source.scene;
+        let emits = material_of.iter().any(|&of| materials[of as usize].emitted_radiance != Vec3::ZERO);
         // Clusters and sums over points are for offline comparisons of patches.
         let is_counted = self.detail.is_none() && is_streamed(&base.method);
         let patches_guessed = match found {
@@ -146,12 +150,9 @@ impl Chosen {
             detail => format!("detail {detail} ({detail_rays} rays, {points_per_patch} points a patch)"),
         });
         let chosen: Vec<String> = voxel.into_iter().chain(detail).collect();
-        let size = self
-            .patches_guessed
-            .zip(self.bytes_guessed)
-            .map_or(" for a world of many patches".to_owned(), |(patches, bytes)| {
-                format!(" for about {patches} patches: about {:.0} MB", bytes as f64 / 1e6)
-            });
+        let size = self.patches_guessed.zip(self.bytes_guessed).map_or(String::new(), |(patches, bytes)| {
+            format!(" for about {patches} patches: about {:.0} MB", bytes as f64 / 1e6)
+        });
         (!chosen.is_empty()).then(|| format!("{}, chosen{size}", chosen.join(", ")))
     }
 }
@@ -174,6 +175,9 @@ fn fitting(patches: u64, emits: bool) -> Option<Detail> {
     let Steps { details, rays: [fewest, most] } = if emits { SOFT } else { SHARP };
     details.iter().find_map(|&per_edge| {
         let parts = parts(patches, per_edge).max(1);
+        if parts > CHUNK_PARTS_MAX {
+            return None;
+        }
         let rays = (DETAIL_RAYS_MAX / parts / RAYS_STEP * RAYS_STEP).min(u64::from(most)) as u32;
         let columns = (DETAIL_COLUMNS_MAX / parts).min(u64::from(COLUMNS[1])) as u32;
         (rays >= fewest && columns >= COLUMNS[0]).then_some(Detail { per_edge, rays, columns })
@@ -218,7 +222,8 @@ mod tests {
             fitting(patches, emits).map(|detail| (detail.per_edge, detail.rays, detail.columns))
         };
         assert_eq!(of(1_000, false), Some((8, 512, 192)));
-        assert_eq!(of(6_000, false), Some((8, 512, 177)));
+        assert_eq!(of(4_500, false), Some((8, 512, 192)));
+        assert_eq!(of(6_000, false), Some((4, 512, 192)), "a chunk holds no more at 8");
         assert_eq!(of(13_000, false), Some((4, 512, 192)));
         assert_eq!(of(47_000, false), Some((2, 512, 192)));
         assert_eq!(of(2_000, true), Some((2, 2048, 192)));

@@ -30,12 +30,13 @@ use crate::path::{EmitterSampling, PathTracer};
 use crate::picture::IrradianceLookup;
 use crate::sampling::PathStream;
 use crate::tracer::{SceneTracer, Vertex, off_surface};
-use earthshine_world::{LightRig, Rgb};
+use earthshine_world::{LightRig, Rgb, Vec3};
 use g_buffer::{GBuffer, Texel};
 use glam::Vec4;
 use mip_chain::Reach;
 use occlusion::{ShortRays, near_light};
 use rayon::prelude::*;
+use screen_light::ScreenLight;
 use std::f32::consts::FRAC_1_PI;
 
 /// Most far or near rays a pixel.
@@ -88,6 +89,20 @@ pub struct ScreenIrradiance {
     pub refined: Vec<Rgb>,
     /// Share of the hemisphere that near surfaces fill.
     pub occlusion: Vec<f32>,
+}
+
+impl ScreenIrradiance {
+    /// Refined light where the picture shows the surface, that of `served` elsewhere; nothing where that knows nothing.
+    pub fn refined_lookup<'a>(
+        &'a self,
+        served: &'a IrradianceLookup<'a>,
+    ) -> impl Fn(Vec3, Vec3) -> Option<Rgb> + Sync + 'a {
+        let screen = ScreenLight { buffer: &self.buffer, irradiance: &self.refined };
+        move |position, normal| {
+            let known = served(position, normal)?;
+            Some(screen.at(position, normal).unwrap_or(known))
+        }
+    }
 }
 
 impl ScreenSpaceOptions {

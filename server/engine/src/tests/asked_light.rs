@@ -1,7 +1,7 @@
 //! Direct light computed elsewhere: somebody else's, late, refused or lost, beside what the CPU computes itself.
 
 use super::backend::Faults;
-use super::harness::{ALICE, Harness, generous, lamp};
+use super::harness::{ALICE, BOB, Harness, generous, lamp};
 use super::receivers::assert_alike;
 use super::world::{RandomWorld, WorldShape};
 use crate::asked_light::QUESTIONS_MAX;
@@ -9,7 +9,7 @@ use crate::local_set::LocalSet;
 use crate::{EngineConfig, Event};
 use earthshine_light::{DirectLight, LightLook, LightUnderWay, OccluderSet, PatchPoints, direct_irradiance};
 use earthshine_world::{Light, LightRig, PatchId, Rgb, Vec3};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -205,6 +205,33 @@ fn late_light_goes_to_its_own_patch_or_to_none() {
         }
     }
     assert!(unlit > 100 && late > 1000 && reused > 50, "{unlit} unlit, {late} late, {reused} reused");
+}
+
+/// Goal: the tick of a question tells its answers apart. Method: two sessions, so that shadow casters of the one go after newcomers of
+/// the other were asked for, in the same tick.
+#[test]
+fn a_slot_is_asked_for_once_a_tick() {
+    let config = EngineConfig { hysteresis: 0.0, ..generous(30) };
+    let (mut harness, _) = lit_elsewhere(look(world(28, true), config), SLOW);
+    harness.events.push(Event::SessionOpened { session: BOB });
+    harness.light(BOB, rig(0));
+    let mut asked = 0;
+    for step in 0..200 {
+        harness.look_from(ALICE, Vec3::new((step % 40) as f32 * 0.5, 0.5, 0.5));
+        harness.look_from(BOB, Vec3::new((39 - (step + 7) % 40) as f32 * 0.5, 1.5, 2.5));
+        harness.tick();
+        for set in local_sets(&harness) {
+            let mut seen = BTreeSet::new();
+            for (tick, slot) in set.asked.slots() {
+                assert!(
+                    seen.insert((tick, slot)),
+                    "step {step}: slot {slot} was asked for twice in tick {tick}"
+                );
+            }
+            asked += seen.len();
+        }
+    }
+    assert!(asked > 1000, "{asked}");
 }
 
 /// Goal: a tick waits for nobody, asks no more than it may, and is right once answers come. Method: a device that says nothing

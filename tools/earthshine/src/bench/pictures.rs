@@ -2,7 +2,8 @@
 //!
 //! What is compared is indirect light alone, in 8-bit sRGB at one exposure a scene: the one at which the geometric mean of
 //! the reference becomes middle grey. SSIM forgives wrong energy, so the bias of the linear light stands beside it; and it
-//! takes noise of the reference for structure, so beside that against one reference is what two of them have in common.
+//! takes noise of the reference for structure, so beside that against one reference is what two of them have in common:
+//! of served light as it is, and refined in screen space.
 
 use super::Report;
 use super::accuracy::measured::baked;
@@ -19,6 +20,7 @@ use earthshine_render::image_file;
 use earthshine_render::metrics::{LinearErrors, PictureErrors, compare_pictures, linear_errors};
 use earthshine_render::noiseless::{NoiselessErrors, compare_noiseless};
 use earthshine_render::picture::{Layers, LightSource, PictureOptions, render_with_progress};
+use earthshine_render::screen_space::{self, ScreenSpaceOptions};
 use earthshine_world::Vec3;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -44,6 +46,9 @@ pub(crate) struct PicturesArguments {
     /// Paths a pixel of the reference.
     #[arg(long, default_value_t = 512)]
     reference_samples: u32,
+    /// Short rays a pixel that refine served light below a detail voxel.
+    #[arg(long, default_value_t = 64)]
+    near_samples: u32,
     /// Folder for the pictures; without it none are kept.
     #[arg(long)]
     out: Option<PathBuf>,
@@ -108,6 +113,8 @@ struct PictureFigures {
     errors: PictureErrors,
     /// Without the references' noise.
     noiseless: NoiselessErrors,
+    /// The same of served light that is refined in screen space below a detail voxel.
+    refined: NoiselessErrors,
     /// Of the light itself, pixel by pixel; the reference's noise is in `median_rel`.
     linear: LinearErrors,
     /// Two references of different seeds: what noise alone costs.
@@ -155,6 +162,16 @@ fn figures_of(
     };
     let lookup = |position, normal| volume_light::at(&measured.volumes, position, normal);
     let seed = arguments.quality.seed;
+    let refining = ScreenSpaceOptions {
+        camera,
+        far_samples: 1,
+        near_samples: arguments.near_samples,
+        radius_m: parameters.grid.voxel_edge_m / parameters.detail as f32,
+        seed,
+    };
+    let light = screen_space::served(&tracer, &source.lights, &refining, &lookup, &|_| {})?;
+    let refined_lookup = light.refined_lookup(&lookup);
+    let refined = shoot(crate::render::LOOKUP_SAMPLES, seed, LightSource::Lookup(&refined_lookup))?;
     let served = shoot(crate::render::LOOKUP_SAMPLES, seed, LightSource::Lookup(&lookup))?;
     let reference = shoot(arguments.reference_samples, seed, LightSource::Reference)?;
     let again = shoot(arguments.reference_samples, !seed, LightSource::Reference)?;
@@ -163,6 +180,7 @@ fn figures_of(
     if let Some(folder) = &arguments.out {
         let stem = source.name.trim_end_matches(".glb");
         crate::view::write_layers(folder, &format!("{stem}_service_"), &served, exposure, false)?;
+        crate::view::write_layers(folder, &format!("{stem}_refined_"), &refined, exposure, false)?;
         crate::view::write_layers(folder, &format!("{stem}_reference_"), &reference, exposure, false)?;
     }
     Ok(PictureFigures {
@@ -174,6 +192,7 @@ fn figures_of(
         uncovered_share: served.uncovered_share,
         errors: compare_pictures(&shown(&served), &shown(&reference))?,
         noiseless: compare_noiseless(&shown(&served), [&shown(&reference), &shown(&again)])?,
+        refined: compare_noiseless(&shown(&refined), [&shown(&reference), &shown(&again)])?,
         linear: linear_errors(&served.indirect, &reference.indirect)?,
         noise: compare_pictures(&shown(&again), &shown(&reference))?,
     })
@@ -195,21 +214,23 @@ fn picture(
 
 fn print_table(figures: &Figures) {
     out!(
-        "| scene | voxel | detail | patches | SSIM | PSNR | FLIP | bias | SSIM, PSNR without noise | SSIM, FLIP of two references |"
+        "| scene | voxel | detail | patches | SSIM | PSNR | FLIP | bias | SSIM, PSNR without noise | the same, refined | SSIM, FLIP of two references |"
     );
-    out!("|---|---|---|---|---|---|---|---|---|---|");
+    out!("|---|---|---|---|---|---|---|---|---|---|---|");
     let decibels = |psnr_db: Option<f64>| psnr_db.map_or("same".to_owned(), |db| format!("{db:.1} dB"));
     for picture in &figures.pictures {
-        let PictureFigures { scene, voxel_edge_m, detail, patches, errors, noiseless, linear, noise, .. } =
-            picture;
+        let PictureFigures { scene, voxel_edge_m, detail, patches, errors, noiseless, refined, .. } = picture;
+        let PictureFigures { linear, noise, .. } = picture;
         out!(
-            "| {scene} | {voxel_edge_m:.3} m | {detail} | {patches} | {:.3} | {} | {:.3} | {:+.1} % | {:.3}, {} | {:.3}, {:.3} |",
+            "| {scene} | {voxel_edge_m:.3} m | {detail} | {patches} | {:.3} | {} | {:.3} | {:+.1} % | {:.3}, {} | {:.3}, {} | {:.3}, {:.3} |",
             errors.ssim,
             decibels(errors.psnr_db),
             errors.flip,
             linear.bias * 100.0,
             noiseless.ssim,
             decibels(noiseless.psnr_db),
+            refined.ssim,
+            decibels(refined.psnr_db),
             noise.ssim,
             noise.flip
         );

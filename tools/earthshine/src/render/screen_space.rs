@@ -82,11 +82,7 @@ pub(super) fn served(task: &Task<'_>, folder: &Path) -> anyhow::Result<()> {
     let advance = |pixels| bar.inc(pixels);
     let light = screen_space::served(task.tracer, rig, &options, &lookup, &advance)?;
     bar.finish();
-    let screen = ScreenLight { buffer: &light.buffer, irradiance: &light.refined };
-    let refined = |position, normal| {
-        let known = lookup(position, normal)?;
-        Some(screen.at(position, normal).unwrap_or(known))
-    };
+    let refined = light.refined_lookup(&lookup);
     let drawn = vec![
         ("unrefined", task.lookup_layers("unrefined", LightSource::Lookup(&lookup))?),
         ("refined", task.lookup_layers("refined", LightSource::Lookup(&refined))?),
