@@ -32,7 +32,7 @@ use std::time::Instant;
 #[command(after_help = "Examples:
   earthshine bench pictures cornell --markdown
   earthshine bench pictures cornell 'sponza.glb;lights=sponza.lights.json;voxel=1.03;camera=-8,2,0;target=0,3,0' --markdown
-  earthshine bench pictures 'office.glb;voxel=0.25' --samples 1024 --out pictures --json")]
+  earthshine bench pictures 'office.glb;voxel=0.25' --reference-samples 1024 --out pictures --json")]
 pub(crate) struct PicturesArguments {
     /// Scenes: NAME or FILE, then what else holds for it: `;lights=FILE`, `;voxel=M`, `;camera=X,Y,Z`, `;target=X,Y,Z`.
     #[arg(required = true)]
