@@ -230,21 +230,34 @@ impl<'a> Seen<'a> {
     pub(crate) fn mark_way(&self, origin: Vec3, direction: Vec3, distance: f32) {
         let from = origin / self.cells.edge_m - self.cells.low.as_vec3();
         let end = distance / self.cells.edge_m + MARGIN;
-        let mut cell = from.floor().as_ivec3();
+        let cell = from.floor().as_ivec3();
+        let Some(mut index) = self.cells.index(cell) else { return };
+        let is_up = direction.cmpgt(Vec3::ZERO);
         let per_cell = direction.abs().recip();
-        let ahead = Vec3::select(direction.cmpgt(Vec3::ZERO), Vec3::ONE, Vec3::ZERO);
-        let mut next = ((cell.as_vec3() + ahead - from).abs()) * per_cell;
+        let ahead = Vec3::select(is_up, Vec3::ONE, Vec3::ZERO);
+        let next = ((cell.as_vec3() + ahead - from).abs()) * per_cell;
         // Along an axis that the ray does not follow there is no next cell.
-        next = Vec3::select(next.is_nan_mask(), Vec3::INFINITY, next);
-        while let Some(index) = self.cells.index(cell) {
+        let mut next = Vec3::select(next.is_nan_mask(), Vec3::INFINITY, next).to_array();
+        let per_cell = per_cell.to_array();
+        let UVec3 { y, z, .. } = self.cells.size;
+        let steps = [y * z, z, 1].map(|step| step as usize);
+        // What is added to the number of a cell, wrapping, and how often before the world ends.
+        let steps: [usize; 3] =
+            std::array::from_fn(
+                |axis| if is_up.test(axis) { steps[axis] } else { steps[axis].wrapping_neg() },
+            );
+        let last = self.cells.size.as_ivec3() - 1;
+        let mut left = IVec3::select(is_up, last - cell, cell).to_array();
+        loop {
             self.mark(index);
             let axis =
-                if next.x <= next.y && next.x <= next.z { 0 } else { 1 + usize::from(next.z < next.y) };
+                if next[0] <= next[1] && next[0] <= next[2] { 0 } else { 1 + usize::from(next[2] < next[1]) };
             // Not only `>`: what is not a number must end, too.
-            if next[axis] >= end || !next[axis].is_finite() {
+            if next[axis] >= end || !next[axis].is_finite() || left[axis] == 0 {
                 break;
             }
-            cell[axis] += if direction[axis] > 0.0 { 1 } else { -1 };
+            left[axis] -= 1;
+            index = index.wrapping_add(steps[axis]);
             next[axis] += per_cell[axis];
         }
     }

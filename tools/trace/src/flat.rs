@@ -1,13 +1,12 @@
 //! One tree over all triangles of a scene: the fastest where it fits.
 
+use crate::follow::Follower;
 use crate::{Hit, build_tree, farthest, roomy_box};
 use earthshine_light::ray_triangle::RayTriangle;
 use earthshine_light::tree_layout::{PlacedTriangle, TreeLayout};
 use earthshine_scene::Scene;
-use glam::UVec2;
 use obvhs::aabb::Aabb;
 use obvhs::cwbvh::CwBvh;
-use obvhs::cwbvh::node::CwBvhNode;
 use obvhs::ray::Ray;
 
 /// The tree and its triangles.
@@ -16,6 +15,7 @@ pub(crate) struct Flat {
     tree: CwBvh,
     /// In the tree's leaf order.
     triangles: Vec<RayTriangle>,
+    follower: Follower,
 }
 
 impl Flat {
@@ -26,7 +26,7 @@ impl Flat {
         let tree = build_tree(&boxes);
         let triangles =
             tree.primitive_indices.iter().map(|&i| RayTriangle::new(scene.triangles[i as usize])).collect();
-        Self { tree, triangles }
+        Self { tree, triangles, follower: Follower::available() }
     }
 
     /// Bytes that it takes.
@@ -49,15 +49,10 @@ impl Flat {
         if self.triangles.is_empty() {
             return;
         }
-        let mut state = self.tree.new_traversal(ray.direction);
-        let mut node: &CwBvhNode;
-        obvhs::traverse!(self.tree, node, state, node.intersect_ray(ray, state.oct_inv4), {
-            let leaf = state.primitive_id as usize;
-            if let Some(crossing) = self.triangles[leaf].crossing(ray)
-                && take(Hit::of(self.tree.primitive_indices[leaf], crossing), ray)
-            {
-                return;
-            }
+        self.follower.follow(&self.tree, ray, |leaf, ray| {
+            let leaf = leaf as usize;
+            let crossing = self.triangles[leaf].crossing(ray);
+            crossing.is_some_and(|crossing| take(Hit::of(self.tree.primitive_indices[leaf], crossing), ray))
         });
     }
 }

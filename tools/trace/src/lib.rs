@@ -8,6 +8,7 @@
 mod caster;
 pub mod ends;
 mod flat;
+mod follow;
 pub mod hemisphere;
 mod two_level;
 
@@ -40,6 +41,10 @@ pub const TIE_ROOM: f32 = 2e-6;
 const BOX_ROUNDINGS: f32 = 16.0;
 const BOX_OUTSIDE: f32 = 4e-6;
 
+/// Trees over at most so many boxes have all of their nodes put elsewhere where that makes them better: rays come by 8 % fewer
+/// nodes in Sponza. It takes three times as long as the rest of the building, 3 s a million boxes.
+const REFINED_BOXES_MAX: usize = 1 << 18;
+
 /// The ray that begins a little behind `origin` for crossings between two distances from it.
 fn run_up(origin: Vec3, direction: Vec3, distance_min: f32, distance_max: f32) -> Ray {
     let start = origin - direction * RUN_UP_M;
@@ -63,7 +68,11 @@ fn build_tree(boxes: &[Aabb]) -> CwBvh {
     if boxes.is_empty() {
         return CwBvh::default();
     }
-    build_cwbvh(boxes, BvhBuildParams::medium_build(), &mut Duration::default())
+    let mut how = BvhBuildParams::medium_build();
+    if boxes.len() <= REFINED_BOXES_MAX {
+        how.reinsertion_batch_ratio = 1.0;
+    }
+    build_cwbvh(boxes, how, &mut Duration::default())
 }
 
 /// Where a ray meets the scene.

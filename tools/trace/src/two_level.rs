@@ -3,15 +3,15 @@
 //! Boxes of a mesh are in the frame of its first placement, with room for the rounding of all others; what they hold are
 //! triangles of the scene, in world space. So a ray meets the same triangles, at the same bits, as in one tree.
 
+use crate::follow::Follower;
 use crate::{Hit, build_tree, farthest, roomy_box};
 use earthshine_light::ray_triangle::{RayTriangle, ray};
 use earthshine_light::tree_layout::{PlacedTriangle, TreeLayout};
 use earthshine_scene::{PlacedMesh, Scene};
 use earthshine_world::Vec3;
-use glam::{DAffine3, UVec2};
+use glam::DAffine3;
 use obvhs::aabb::Aabb;
 use obvhs::cwbvh::CwBvh;
-use obvhs::cwbvh::node::CwBvhNode;
 use obvhs::ray::Ray;
 use std::collections::BTreeMap;
 
@@ -28,6 +28,7 @@ pub(crate) struct TwoLevel {
     top: CwBvh,
     standing: Vec<Standing>,
     shapes: Vec<CwBvh>,
+    follower: Follower,
 }
 
 /// One placement of a shape.
@@ -70,7 +71,7 @@ impl TwoLevel {
             standing.push(Standing { shape: shapes.len() as u32, first: 0, to_shape: DAffine3::IDENTITY });
             shapes.push(tree);
         }
-        Self { top: build_tree(&bounds), standing, shapes }
+        Self { top: build_tree(&bounds), standing, shapes, follower: Follower::available() }
     }
 
     /// Bytes that it takes.
@@ -102,13 +103,9 @@ impl TwoLevel {
         if self.standing.is_empty() {
             return;
         }
-        let mut state = self.top.new_traversal(ray.direction);
-        let mut node: &CwBvhNode;
-        obvhs::traverse!(self.top, node, state, node.intersect_ray(ray, state.oct_inv4), {
-            let standing = &self.standing[self.top.primitive_indices[state.primitive_id as usize] as usize];
-            if self.offer_shape(standing, scene, ray, &mut take) {
-                return;
-            }
+        self.follower.follow(&self.top, ray, |leaf, ray| {
+            let standing = &self.standing[self.top.primitive_indices[leaf as usize] as usize];
+            self.offer_shape(standing, scene, ray, &mut take)
         });
     }
 
@@ -130,19 +127,13 @@ impl TwoLevel {
             world_ray.tmin,
             world_ray.tmax,
         );
-        let mut state = tree.new_traversal(own_ray.direction);
-        let mut node: &CwBvhNode;
-        obvhs::traverse!(tree, node, state, node.intersect_ray(&own_ray, state.oct_inv4), {
-            let index = standing.first + tree.primitive_indices[state.primitive_id as usize];
+        self.follower.follow(tree, &mut own_ray, |leaf, own_ray| {
+            let index = standing.first + tree.primitive_indices[leaf as usize];
             let crossing = RayTriangle::new(scene.triangles[index as usize]).crossing(world_ray);
-            if let Some(crossing) = crossing
-                && take(Hit::of(index, crossing), world_ray)
-            {
-                return true;
-            }
+            let is_enough = crossing.is_some_and(|crossing| take(Hit::of(index, crossing), world_ray));
             own_ray.tmax = world_ray.tmax;
-        });
-        false
+            is_enough
+        })
     }
 }
 
