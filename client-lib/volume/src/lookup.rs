@@ -67,10 +67,8 @@ pub fn lookup<V: Borrow<Volume>>(volumes: &[V], position: Vec3, normal: Vec3) ->
     let mut answered = None;
     let mut rest = volumes;
     while let Some(volume) = rest.first().map(Borrow::borrow) {
-        let size = |volume: &Volume| (volume.layout().level, volume.layout().voxel_edge_m);
-        let is_layer = |other: &&V| size((*other).borrow()) == size(volume);
         let layers;
-        (layers, rest) = rest.split_at(rest.iter().take_while(is_layer).count());
+        (layers, rest) = rest.split_at(volume.layer_count(rest));
         let Some((low, fraction)) = corners(volume, position, normal) else { continue };
         let Some((found, surface_share)) = lookup_in(layers, low, fraction, normal) else { continue };
         let kept = rest.first().map(Borrow::borrow).map_or(1.0, |coarser| {

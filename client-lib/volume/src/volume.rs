@@ -7,6 +7,7 @@ use crate::places::Places;
 use crate::tilt::{self, Tilt};
 use crate::{Layout, LayoutError, plane};
 use glam::{IVec3, Vec3};
+use std::borrow::Borrow;
 
 /// Light on up to six patches of one voxel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -115,6 +116,12 @@ impl Volume {
     #[must_use]
     pub fn layout(&self) -> &Layout {
         &self.layout
+    }
+
+    /// How many of `volumes`, from the first on, are layers of this one: as fine, of the same level.
+    pub(crate) fn layer_count<V: Borrow<Self>>(&self, volumes: &[V]) -> usize {
+        let size = |volume: &Self| (volume.layout.level, volume.layout.voxel_edge_m);
+        volumes.iter().take_while(|other| size((*other).borrow()) == size(self)).count()
     }
 
     /// Voxels that have light.

@@ -32,6 +32,8 @@ pub mod copy_bench;
 mod device;
 pub mod direct;
 pub mod ends;
+#[cfg(test)]
+mod lookup_tests;
 mod matrix;
 pub mod memory;
 mod mirror;

@@ -1,8 +1,8 @@
 // The lookup rule: what light a point with a normal reads from the voxels around it.
 //
-// Paste into a shader that holds a volume as the client library lays it out (`client-lib/volume`): one place
-// a voxel (0 for dark, else one more than the index of its block), one block a lit voxel; of layers of detail the places of
-// one after those of the other. The Rust twin is `earthshine_volume::lookup`.
+// Paste into a shader that is given volumes as the client library lays them out (`earthshine_volume::ShaderVolumes`): layouts,
+// finest first; one place a voxel (0 for dark, else one more than the index of its block), of layers of detail the places of
+// one after those of the other; one block a lit voxel. The Rust twin is `earthshine_volume::lookup`.
 
 // How far a point reads in front of its surface, in voxels.
 const NORMAL_OFFSET_VOXELS: f32 = 0.25;
@@ -27,6 +27,7 @@ struct VolumeLayout {
     dims: vec3<u32>,        // 16  voxels along the axes
     level: u32,             // 28  0 is the finest
     layers: u32,            // 32  of detail: volumes in one place; 1 where there is no detail
+    first_place: u32,       // 36  of the voxels of the first layer
 }                           // 48
 
 struct VoxelBlock {
@@ -35,7 +36,7 @@ struct VoxelBlock {
     planes: array<u32, 6>,        // 28  bytes, lowest first: where its surface lies, and its tilted plane's three
 }                                 // 52
 
-@group(0) @binding(0) var<uniform> volume_layout: VolumeLayout;
+@group(0) @binding(0) var<storage, read> volume_layouts: array<VolumeLayout>;
 @group(0) @binding(1) var<storage, read> volume_places: array<u32>;
 @group(0) @binding(2) var<storage, read> volume_blocks: array<VoxelBlock>;
 
@@ -45,14 +46,21 @@ fn decode_rgb9e5(packed: u32) -> vec3<f32> {
     return vec3<f32>(f32(packed & 511u), f32((packed >> 9u) & 511u), f32((packed >> 18u) & 511u)) * scale;
 }
 
-// Place of `voxel`'s block in layer `layer` plus one; 0 where it has no light or lies outside.
-fn place_of(voxel: vec3<i32>, layer: u32) -> u32 {
-    let local = voxel - volume_layout.origin;
-    let dims = vec3<i32>(volume_layout.dims);
+// Place of `voxel`'s block in layer `layer` of `volume` plus one; 0 where it has no light or lies outside.
+fn place_of(volume: u32, voxel: vec3<i32>, layer: u32) -> u32 {
+    let local = voxel - volume_layouts[volume].origin;
+    let dims = vec3<i32>(volume_layouts[volume].dims);
     if any(local < vec3<i32>(0)) || any(local >= dims) {
         return 0u;
     }
-    return volume_places[u32(local.x + dims.x * (local.y + dims.y * (local.z + dims.z * i32(layer))))];
+    let index = u32(local.x + dims.x * (local.y + dims.y * (local.z + dims.z * i32(layer))));
+    return volume_places[volume_layouts[volume].first_place + index];
+}
+
+// Which directions of `voxel` have light, and which of them the air's, as in a block: of the first layer.
+fn present_of(volume: u32, voxel: vec3<i32>) -> u32 {
+    let place = place_of(volume, voxel, 0u);
+    return select(0u, volume_blocks[max(place, 1u) - 1u].present, place != 0u);
 }
 
 // How much a value with plane `code` counts for a point `height` voxels above the low side of its voxel.
@@ -82,11 +90,14 @@ fn trust(planes: u32, axis: u32, from_middle: vec3<f32>, normal: vec3<f32>) -> f
     return 1.0 / (difference * difference);
 }
 
-// rgb: irradiance, lx; a: 1 where there is light, else 0.
-fn lookup_irradiance(position: vec3<f32>, normal: vec3<f32>) -> vec4<f32> {
-    let local = position / volume_layout.voxel_edge_m + NORMAL_OFFSET_VOXELS * normal - 0.5;
-    let low = floor(local);
-    let fraction = local - low;
+// What one volume answers.
+struct Found {
+    light: vec4<f32>,     // rgb: irradiance, lx; a: 1 where there is light, else 0
+    surface_share: f32,   // how much of it is surfaces', 1 on a flat one
+}
+
+// Light of `volume` alone, at the point at `fraction` (0..1) between the centres of voxel `low` and its upper neighbours.
+fn lookup_in(volume: u32, low: vec3<i32>, fraction: vec3<f32>, normal: vec3<f32>) -> Found {
     // Of the surface itself, in voxels from the middle of voxel `low`.
     let surface = fraction - NORMAL_OFFSET_VOXELS * normal;
     // Light times weight, and weight, by direction.
@@ -101,8 +112,8 @@ fn lookup_irradiance(position: vec3<f32>, normal: vec3<f32>) -> vec4<f32> {
         let from_middle = surface - vec3<f32>(step);
         // Directions with light of a surface in any layer.
         var found = 0u;
-        for (var layer = 0u; layer < volume_layout.layers; layer++) {
-            let place = place_of(vec3<i32>(low) + vec3<i32>(step), layer);
+        for (var layer = 0u; layer < volume_layouts[volume].layers; layer++) {
+            let place = place_of(volume, low + vec3<i32>(step), layer);
             if place == 0u {
                 continue;
             }
@@ -126,6 +137,7 @@ fn lookup_irradiance(position: vec3<f32>, normal: vec3<f32>) -> vec4<f32> {
     }
     var total = vec4<f32>(0.0);
     var slope = vec3<f32>(0.0);
+    var surface_weight = 0.0;
     for (var axis = 0u; axis < 3u; axis++) {
         let facing = axis * 2u + select(0u, 1u, normal[axis] < 0.0);
         let air = airs[facing];
@@ -141,14 +153,95 @@ fn lookup_irradiance(position: vec3<f32>, normal: vec3<f32>) -> vec4<f32> {
         }
         let along = abs(normal[axis]);
         total += vec4<f32>(both.xyz / both.w, 1.0) * (along * along);
+        surface_weight += along * along * surface_weights[facing];
         if air.w > WEIGHT_MIN && behind.w > WEIGHT_MIN {
             let share = room * air.w / both.w * behind.w;
             slope += along * (1.0 - along) * 0.5 * share * (air.xyz / air.w - behind.xyz / behind.w);
         }
     }
     if total.w <= WEIGHT_MIN {
-        return vec4<f32>(0.0);
+        return Found(vec4<f32>(0.0), 0.0);
     }
     let light = total.xyz / total.w;
-    return vec4<f32>(max(light + slope / total.w, AIR_FLOOR * light), 1.0);
+    let sloped = vec4<f32>(max(light + slope / total.w, AIR_FLOOR * light), 1.0);
+    return Found(sloped, min(surface_weight / SURFACE_WEIGHT, 1.0));
+}
+
+// Directions of `wanted` (bits) that have no light in the block of `2^halvings` voxels along an edge that holds `voxel`.
+fn dark_in_block(volume: u32, voxel: vec3<i32>, halvings: u32, wanted: u32) -> u32 {
+    let first = (voxel >> vec3<u32>(halvings)) << vec3<u32>(halvings);
+    let mask = (1u << halvings) - 1u;
+    var dark = wanted;
+    for (var at = 0u; at < (1u << (3u * halvings)) && dark != 0u; at++) {
+        let step = (vec3<u32>(at) >> vec3<u32>(0u, halvings, 2u * halvings)) & vec3<u32>(mask);
+        dark &= ~present_of(volume, first + vec3<i32>(step));
+    }
+    return dark;
+}
+
+// Share of a point's light that volume `fine` gives up to the next coarser one: the trilinear weight of voxels beyond its end
+// over that and the weight of those that are lit, each direction by the square of the normal. A voxel is beyond the
+// end where the coarser one has light in a direction and none of the voxels that share a coarse voxel with it has.
+fn share_of_coarser(fine: u32, low: vec3<i32>, fraction: vec3<f32>, normal: vec3<f32>) -> f32 {
+    let coarse = fine + 1u;
+    let ratio = volume_layouts[coarse].voxel_edge_m / volume_layouts[fine].voxel_edge_m;
+    let halvings = u32(clamp(round(log2(ratio)), 0.0, 16.0));
+    let is_detail = volume_layouts[fine].level == volume_layouts[coarse].level;
+    let facing = vec3<u32>(0u, 2u, 4u) + select(vec3<u32>(0u), vec3<u32>(1u), normal < vec3<f32>(0.0));
+    let facing_bits = vec3<u32>(1u) << facing;
+    let wanted = facing_bits.x | facing_bits.y | facing_bits.z;
+    var lit_weight = 0.0;
+    var beyond_weight = 0.0;
+    for (var corner = 0u; corner < 8u; corner++) {
+        let step = vec3<u32>(corner & 1u, (corner >> 1u) & 1u, corner >> 2u);
+        let along = select(1.0 - fraction, fraction, step == vec3<u32>(1u));
+        let weights = along.x * along.y * along.z * normal * normal;
+        let voxel = low + vec3<i32>(step);
+        let lit = present_of(fine, voxel);
+        let covering = present_of(coarse, voxel >> vec3<u32>(halvings));
+        // Detail ends where surfaces end, not where the air begins.
+        let known = select(covering, covering & ~(covering >> 8u), is_detail);
+        let beyond = dark_in_block(fine, voxel, select(1u, halvings, is_detail), wanted & known & ~lit);
+        lit_weight += dot(weights, select(vec3<f32>(0.0), vec3<f32>(1.0), (facing_bits & vec3<u32>(lit)) != vec3<u32>(0u)));
+        beyond_weight +=
+            dot(weights, select(vec3<f32>(0.0), vec3<f32>(1.0), (facing_bits & vec3<u32>(beyond)) != vec3<u32>(0u)));
+    }
+    return select(0.0, beyond_weight / (lit_weight + beyond_weight), beyond_weight > 0.0);
+}
+
+// Light at `position` (m) on a surface with unit `normal`, from the finest volume that has any, shared with the next where
+// that one ends. rgb: irradiance, lx; a: 1 where there is light, else 0.
+fn lookup_irradiance(position: vec3<f32>, normal: vec3<f32>) -> vec4<f32> {
+    var total = vec4<f32>(0.0);
+    let count = arrayLength(&volume_layouts);
+    for (var volume = 0u; volume < count; volume++) {
+        // In voxels from the centre of the lowest one.
+        let edge = volume_layouts[volume].voxel_edge_m;
+        let origin = volume_layouts[volume].origin;
+        let local = position / edge + NORMAL_OFFSET_VOXELS * normal - 0.5 - vec3<f32>(origin);
+        if any(local < vec3<f32>(-1.0)) || any(local > vec3<f32>(volume_layouts[volume].dims)) {
+            continue;
+        }
+        let low = origin + vec3<i32>(floor(local));
+        let fraction = local - floor(local);
+        let found = lookup_in(volume, low, fraction, normal);
+        if found.light.a == 0.0 {
+            continue;
+        }
+        var kept = 1.0;
+        if volume + 1u < count {
+            // Detail knows surfaces alone: it fades where they end, and what stands for the air takes over.
+            let is_detail = volume_layouts[volume].level == volume_layouts[volume + 1u].level;
+            let fade = select(1.0, found.surface_share, is_detail);
+            kept = fade * (1.0 - share_of_coarser(volume, low, fraction, normal));
+        }
+        total += (1.0 - total.a) * kept * found.light;
+        if kept >= 1.0 {
+            break;
+        }
+    }
+    if total.a <= WEIGHT_MIN {
+        return vec4<f32>(0.0);
+    }
+    return vec4<f32>(total.xyz / total.a, 1.0);
 }

@@ -3,7 +3,7 @@
 mod animation;
 pub(crate) mod default_view;
 mod progressive;
-mod screen_space;
+pub(crate) mod screen_space;
 mod traced;
 
 use crate::error_view::View;
@@ -27,8 +27,8 @@ use std::path::PathBuf;
   earthshine render cornell --method progressive --until 99 --visibility id-buffer --out frames
 With --world: served-light pictures, the path-traced reference, their difference, and a sheet of all of them.
 With --animation: moving light by solvers side by side, as animation.gif and strip.png.
-With --method screen-space: indirect light with and without refinement below a radius (below voxel size, where a
-world is the far light), each against the reference, and a sheet.
+With --method screen-space: indirect light with and without refinement (of a world's light one bounce later, sharp below
+voxel size), each against the reference, and a sheet.
 With --method progressive: frame_0001.png and so on as light spreads, progress.csv and progress.svg (power shot), and the
 last picture against the reference.")]
 pub(crate) struct RenderArguments {
@@ -79,14 +79,14 @@ pub(crate) struct RenderArguments {
 enum Method {
     /// Random paths; with --world the served light beside them.
     PathTraced,
-    /// Few rays a pixel, filtered, refined by near occlusion; with --world its light is the far light.
+    /// Few rays a pixel, filtered, refined by near occlusion; with --world its light answers for where they end.
     ScreenSpace,
     /// Radiosity by shooting, for small scenes.
     Progressive,
 }
 
 /// Places within a pixel where light is looked up.
-pub(crate) const LOOKUP_SAMPLES: u32 = 16;
+pub(crate) const LOOKUP_SAMPLES: u32 = 32;
 
 /// Runs the subcommand.
 pub(crate) fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
@@ -127,8 +127,8 @@ impl RenderArguments {
                 "--far-samples, --near-samples and --radius need --method screen-space",
             ),
             (
-                screen_space && self.world.is_some() && self.screen_space.has_far_samples(),
-                "--far-samples has no use with --world: the world's light is the far light",
+                screen_space && self.world.is_some() && self.screen_space.has_near_samples(),
+                "--near-samples has no use with --world: near and far light are found by the same rays, --far-samples",
             ),
             (
                 self.method != Method::Progressive && self.progressive.is_given(),

@@ -74,6 +74,14 @@ impl Pinhole {
         })
     }
 
+    /// The same view in `times` as many pixels along each edge, at most [`EDGE_PIXELS_MAX`] of them.
+    #[must_use]
+    pub fn finer(&self, times: u32) -> Self {
+        let most = EDGE_PIXELS_MAX / self.width.max(self.height);
+        let times = times.clamp(1, most.max(1));
+        Self { width: self.width * times, height: self.height * times, ..*self }
+    }
+
     /// m.
     #[must_use]
     pub fn position(&self) -> Vec3 {

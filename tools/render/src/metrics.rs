@@ -180,7 +180,8 @@ pub(crate) fn blur(values: &[f64], width: usize) -> Vec<f64> {
         .collect()
 }
 
-fn window() -> [f64; SSIM_WINDOW] {
+/// Gaussian weights of a window along one axis; their sum is one.
+pub(crate) fn window() -> [f64; SSIM_WINDOW] {
     let centre = (SSIM_WINDOW / 2) as f64;
     let mut weights = [0.0; SSIM_WINDOW];
     for (index, weight) in weights.iter_mut().enumerate() {

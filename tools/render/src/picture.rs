@@ -5,7 +5,7 @@
 
 use crate::camera::Pinhole;
 use crate::path::{EmitterSampling, PathTracer};
-use crate::sampling::PathStream;
+use crate::sampling::{PathStream, spread_pairs};
 use crate::tracer::{SceneTracer, Vertex, off_surface};
 use earthshine_world::random::{Purpose, hash};
 use earthshine_world::{LightRig, Rgb, Vec3};
@@ -14,6 +14,9 @@ use std::f32::consts::FRAC_1_PI;
 
 /// Most samples a pixel.
 pub const SAMPLES_MAX: u32 = 1 << 20;
+
+/// Number of the stream that a pixel's sequence of places and first directions starts from; samples take those below.
+const STARTS: u64 = u64::MAX;
 
 /// A linear picture, row by row from the upper left.
 #[derive(Debug, Clone, PartialEq)]
@@ -174,9 +177,12 @@ impl PathTracer<'_> {
         let seed = hash(options.seed, Purpose::ReferencePath, u64::from(index), 1);
         let corner = ((index % camera.width()) as f32, (index / camera.width()) as f32);
         let mut pixel = Pixel::default();
+        let mut start = PathStream::new(seed, STARTS);
+        let (first, place) = (start.pair(), start.pair());
         for sample in 0..options.samples {
             let mut stream = PathStream::new(seed, u64::from(sample));
-            let (dx, dy) = stream.pair();
+            // The two that decide most: where in the pixel, and which way from there.
+            let [first, (dx, dy)] = spread_pairs(sample, [first.0, first.1, place.0, place.1]);
             let direction = camera.direction(corner.0 + dx, corner.1 + dy);
             let Some(hit) = self.tracer.closest(camera.position(), direction, 0.0, f32::INFINITY) else {
                 pixel.direct += self.sky_radiance(direction);
@@ -187,7 +193,7 @@ impl PathTracer<'_> {
             let lamps = self.lamp_irradiance(&vertex, &mut stream, &mut 0);
             pixel.direct += vertex.emitted_radiance * self.rig.emission_scale + reflected * lamps;
             pixel.surfaces += 1;
-            match self.surroundings(&vertex, source, &mut stream) {
+            match self.surroundings(&vertex, source, first, &mut stream) {
                 Some(irradiance) => pixel.indirect += reflected * irradiance,
                 None => pixel.uncovered += 1,
             }
@@ -196,10 +202,15 @@ impl PathTracer<'_> {
         Pixel { direct: pixel.direct * share, indirect: pixel.indirect * share, ..pixel }
     }
 
-    fn surroundings(&self, vertex: &Vertex, source: LightSource<'_>, stream: &mut PathStream) -> Option<Rgb> {
+    fn surroundings(
+        &self,
+        vertex: &Vertex,
+        source: LightSource<'_>,
+        first: (f32, f32),
+        stream: &mut PathStream,
+    ) -> Option<Rgb> {
         match source {
             LightSource::Reference => {
-                let first = stream.pair();
                 Some(self.sample(vertex.position, vertex.normal, first, stream).irradiance)
             }
             LightSource::Lookup(lookup) => lookup(off_surface(vertex.position, vertex.normal), vertex.normal),

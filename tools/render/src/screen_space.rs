@@ -11,11 +11,7 @@
 //! everything sends one radiance the split changes nothing, whatever N is: occlusion takes far light away only
 //! to put near light in its place.
 //!
-//! Two sources of far light. [`gathered`]: rays of the picture itself. [`served`]: irradiance `I_v` looked up in
-//! volumes, which is a mean over a voxel and so already holds the mean occlusion there. F then follows from the
-//! means of N and `near` over as much surface, `F = (I_v - near_mean) / (1 - N_mean)`: light is moved about
-//! within a voxel, and none is lost or counted twice. The means are taken over what the picture shows of the
-//! surface; a surface of which little shows is left nearly as served.
+//! Two ways to know what the ends of rays send: [`gathered`], a path of all bounces; [`served()`], light of volumes there.
 //!
 //! Not here: direct light, the camera's picture ([`crate::picture`]), volumes.
 
@@ -24,13 +20,17 @@ pub mod g_buffer;
 pub mod mip_chain;
 pub mod occlusion;
 pub mod screen_light;
+pub mod served;
+
+pub use served::served;
 
 use crate::camera::Pinhole;
 use crate::path::{EmitterSampling, PathTracer};
 use crate::picture::IrradianceLookup;
 use crate::sampling::PathStream;
-use crate::tracer::{SceneTracer, Vertex, off_surface};
+use crate::tracer::{SceneTracer, Vertex};
 use earthshine_world::{LightRig, Rgb, Vec3};
+use far_light::Rays;
 use g_buffer::{GBuffer, Texel};
 use glam::Vec4;
 use mip_chain::Reach;
@@ -47,17 +47,16 @@ const FAR_LEVELS: u32 = 6;
 const NEAR_LEVELS: u32 = 2;
 /// Far light smooths out over this many radii along a surface.
 const FAR_REACH_RADII: f32 = 1.0;
-/// Where nearer surfaces fill more than this on average, what they leave says nothing about far light.
-const OCCLUDED_MAX: f32 = 0.9;
 
 /// How the screen-space method looks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScreenSpaceOptions {
     /// From where.
     pub camera: Pinhole,
-    /// Far rays a pixel, 1 to [`RAYS_MAX`]; the method is meant for 4 to 16.
+    /// Far rays a pixel, 1 to [`RAYS_MAX`]; the method is meant for 4 to 16. Near and far rays of [`served()`], which is still
+    /// some noisier with 16 than with 64.
     pub far_samples: u32,
-    /// Short rays a pixel, 1 to [`RAYS_MAX`].
+    /// Short rays a pixel, 1 to [`RAYS_MAX`]. Not of [`served()`].
     pub near_samples: u32,
     /// Where near ends, m.
     pub radius_m: f32,
@@ -134,7 +133,7 @@ impl ScreenSpaceOptions {
     }
 }
 
-/// Pixels that [`gathered`] and [`served`] report as finished: each is worked on twice.
+/// Pixels that [`gathered`] reports as finished: each is worked on twice.
 #[must_use]
 pub fn work_pixels(camera: &Pinhole) -> u64 {
     2 * u64::from(camera.width()) * u64::from(camera.height())
@@ -155,8 +154,9 @@ pub fn gathered(
     options.validate()?;
     let paths = PathTracer { tracer, rig, emitter_sampling: EmitterSampling::Balanced };
     let buffer = GBuffer::trace(tracer, &options.camera);
-    let samples = options.far_samples;
-    let found = far_light::gather(&paths, &buffer, samples, options.radius_m, options.seed, finished);
+    let reflected = |vertex: &Vertex, stream: &mut PathStream| paths.reflected_radiance(vertex, stream);
+    let rays = Rays { samples: options.far_samples, radius_m: options.radius_m, seed: options.seed };
+    let found = far_light::gather(&paths, &buffer, rays, &reflected, finished);
     let wide = Reach { levels: FAR_LEVELS, distance_m: FAR_REACH_RADII * options.radius_m };
     let layer = |value: fn(&far_light::Gathered) -> Vec4, reach: Reach| {
         mip_chain::filter(&buffer, &found.iter().map(value).collect::<Vec<_>>(), reach)
@@ -171,11 +171,7 @@ pub fn gathered(
         vertex.reflectance * FRAC_1_PI * (lamps + emitters + all[pixel].truncate())
     });
     let refined = (0..near.len())
-        .map(|pixel| {
-            let (near, far) = (near[pixel], far[pixel]);
-            let full = if far.w > 0.0 { far.truncate() / far.w } else { all[pixel].truncate() };
-            emitted[pixel].truncate() + near.truncate() + (1.0 - near.w) * full
-        })
+        .map(|pixel| emitted[pixel].truncate() + far_and_near(far[pixel], near[pixel], all[pixel].truncate()))
         .collect();
     Ok(ScreenIrradiance {
         raw: found.iter().map(|pixel| pixel.all + pixel.emitted).collect(),
@@ -186,64 +182,11 @@ pub fn gathered(
     })
 }
 
-/// Served light refined below the radius, which should be about a voxel of what is served. The means that the served
-/// light holds already are taken over as much of the picture's surface. Where nothing is served nothing is known:
-/// `plain` and `refined` are zero.
-///
-/// `finished` hears of finished pixels ([`work_pixels`] in all), from any thread.
-///
-/// # Errors
-/// The options cannot be.
-pub fn served(
-    tracer: &SceneTracer<'_>,
-    rig: &LightRig,
-    options: &ScreenSpaceOptions,
-    lookup: &IrradianceLookup<'_>,
-    finished: &(dyn Fn(u64) + Sync),
-) -> Result<ScreenIrradiance, ScreenSpaceError> {
-    options.validate()?;
-    let buffer = GBuffer::trace(tracer, &options.camera);
-    let lit = lit_radiance(tracer, rig, lookup);
-    let near = near_pixels(tracer, &buffer, options, finished, &|_, vertex, stream| lit(vertex, stream));
-    let voxel = Reach { levels: mip_chain::LEVELS_MAX, distance_m: options.radius_m };
-    let means = mip_chain::filter(&buffer, &near, voxel);
-    let refine = |((texel, &near), &mean): ((&Option<Texel>, &Vec4), &Vec4)| {
-        let Some(Texel { vertex, .. }) = texel else { return (Rgb::ZERO, Rgb::ZERO) };
-        let place = off_surface(vertex.position, vertex.normal);
-        let known = lookup(place, vertex.normal);
-        known.map_or((Rgb::ZERO, Rgb::ZERO), |plain| (plain, redistributed(plain, mean, near)))
-    };
-    let (plain, refined) = buffer.texels().par_iter().zip(&near).zip(&means).map(refine).unzip();
-    finished(work_pixels(&options.camera) / 2);
-    let occlusion = near.iter().map(|near| near.w).collect();
-    Ok(ScreenIrradiance { buffer, raw: Vec::new(), plain, refined, occlusion })
-}
-
-/// `served` light of a voxel whose near light and occlusion are `mean`, at a place where they are `near`.
-///
-/// The mean over the voxel stays `served`, exactly, unless near light alone exceeds it.
-#[must_use]
-pub fn redistributed(served: Rgb, mean: Vec4, near: Vec4) -> Rgb {
-    if mean.w > OCCLUDED_MAX {
-        return served;
-    }
-    let far = ((served - mean.truncate()) / (1.0 - mean.w)).max(Rgb::ZERO);
-    near.truncate() + (1.0 - near.w) * far
-}
-
-/// What a surface sends under served light, cd/m2: its emission, and what it reflects of lamps and of `lookup`.
-pub fn lit_radiance<'a>(
-    tracer: &'a SceneTracer<'a>,
-    rig: &'a LightRig,
-    lookup: &'a IrradianceLookup<'a>,
-) -> impl Fn(&Vertex, &mut PathStream) -> Rgb + Sync + 'a {
-    let paths = PathTracer { tracer, rig, emitter_sampling: EmitterSampling::Hits };
-    move |vertex, stream| {
-        let lamps = paths.lamp_irradiance(vertex, stream, &mut 0);
-        let place = off_surface(vertex.position, vertex.normal);
-        let around = lookup(place, vertex.normal).unwrap_or(Rgb::ZERO);
-        vertex.emitted_radiance * rig.emission_scale + vertex.reflectance * FRAC_1_PI * (lamps + around)
-    }
+/// Light of a place: what is near, and in the rest of its hemisphere what is far, both irradiance and the share of all rays
+/// that it is of; `otherwise` where no ray went far.
+fn far_and_near(far: Vec4, near: Vec4, otherwise: Rgb) -> Rgb {
+    let full = if far.w > 0.0 { far.truncate() / far.w } else { otherwise };
+    near.truncate() + (1.0 - near.w) * full
 }
 
 /// Near light and occlusion of every pixel, hardly filtered.

@@ -10,17 +10,18 @@ use super::accuracy::measured::baked;
 use crate::output::out;
 use crate::progress_bars::counted;
 use crate::quality::QualityArguments;
+use crate::render::screen_space::{SERVED_RADIUS_VOXELS, SERVED_SAMPLES};
 use crate::scene_source::{self, SceneSource};
 use crate::view::{ViewArguments, vector};
 use crate::volume_light;
 use anyhow::Context as _;
 use clap::Args;
 use earthshine_render::SceneTracer;
-use earthshine_render::image_file;
 use earthshine_render::metrics::{LinearErrors, PictureErrors, compare_pictures, linear_errors};
-use earthshine_render::noiseless::{NoiselessErrors, compare_noiseless};
+use earthshine_render::noiseless::{CORRECTION_MAX, NoiselessErrors, compare_noiseless, lost_ssim};
 use earthshine_render::picture::{Layers, LightSource, PictureOptions, render_with_progress};
 use earthshine_render::screen_space::{self, ScreenSpaceOptions};
+use earthshine_render::{difference, image_file};
 use earthshine_world::Vec3;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -46,10 +47,10 @@ pub(crate) struct PicturesArguments {
     /// Paths a pixel of the reference.
     #[arg(long, default_value_t = 512)]
     reference_samples: u32,
-    /// Short rays a pixel that refine served light below a detail voxel.
-    #[arg(long, default_value_t = 64)]
-    near_samples: u32,
-    /// Folder for the pictures; without it none are kept.
+    /// Rays a pixel that refine served light in screen space.
+    #[arg(long, default_value_t = SERVED_SAMPLES)]
+    refine_samples: u32,
+    /// Folder for the pictures, what they are off by, and where SSIM is lost; without it none are kept.
     #[arg(long)]
     out: Option<PathBuf>,
     /// Print a Markdown table.
@@ -113,7 +114,7 @@ struct PictureFigures {
     errors: PictureErrors,
     /// Without the references' noise.
     noiseless: NoiselessErrors,
-    /// The same of served light that is refined in screen space below a detail voxel.
+    /// The same of served light that is refined in screen space.
     refined: NoiselessErrors,
     /// Of the light itself, pixel by pixel; the reference's noise is in `median_rel`.
     linear: LinearErrors,
@@ -164,9 +165,9 @@ fn figures_of(
     let seed = arguments.quality.seed;
     let refining = ScreenSpaceOptions {
         camera,
-        far_samples: 1,
-        near_samples: arguments.near_samples,
-        radius_m: parameters.grid.voxel_edge_m / parameters.detail as f32,
+        far_samples: arguments.refine_samples,
+        near_samples: 1,
+        radius_m: SERVED_RADIUS_VOXELS * parameters.grid.voxel_edge_m,
         seed,
     };
     let light = screen_space::served(&tracer, &source.lights, &refining, &lookup, &|_| {})?;
@@ -177,11 +178,27 @@ fn figures_of(
     let again = shoot(arguments.reference_samples, !seed, LightSource::Reference)?;
     let exposure = image_file::key_exposure(&reference.indirect);
     let shown = |layers: &Layers| image_file::exposed(&layers.indirect, exposure);
+    let references = [&shown(&reference), &shown(&again)];
     if let Some(folder) = &arguments.out {
         let stem = source.name.trim_end_matches(".glb");
-        crate::view::write_layers(folder, &format!("{stem}_service_"), &served, exposure, false)?;
-        crate::view::write_layers(folder, &format!("{stem}_refined_"), &refined, exposure, false)?;
         crate::view::write_layers(folder, &format!("{stem}_reference_"), &reference, exposure, false)?;
+        for (name, layers) in [("service", &served), ("refined", &refined)] {
+            crate::view::write_layers(folder, &format!("{stem}_{name}_"), layers, exposure, false)?;
+            // Full colour where the difference is as bright as middle grey.
+            let off = difference::difference(&layers.indirect, &reference.indirect, 0.18 / exposure)?;
+            let lost = lost_ssim(&shown(layers), references)?;
+            for (what, picture) in [("off", off), ("lost_ssim", lost)] {
+                image_file::write_png(&folder.join(format!("{stem}_{name}_{what}.png")), &picture)?;
+            }
+        }
+    }
+    let noiseless = compare_noiseless(&shown(&served), references)?;
+    if noiseless.ssim_correction > CORRECTION_MAX {
+        eprintln!(
+            "{}: the references' noise takes {:.3} off SSIM without noise, which is more than can be known: \
+             it is true to some hundredths; ask for more --reference-samples",
+            source.name, noiseless.ssim_correction
+        );
     }
     Ok(PictureFigures {
         scene: source.name.clone(),
@@ -191,8 +208,8 @@ fn figures_of(
         exposure,
         uncovered_share: served.uncovered_share,
         errors: compare_pictures(&shown(&served), &shown(&reference))?,
-        noiseless: compare_noiseless(&shown(&served), [&shown(&reference), &shown(&again)])?,
-        refined: compare_noiseless(&shown(&refined), [&shown(&reference), &shown(&again)])?,
+        noiseless,
+        refined: compare_noiseless(&shown(&refined), references)?,
         linear: linear_errors(&served.indirect, &reference.indirect)?,
         noise: compare_pictures(&shown(&again), &shown(&reference))?,
     })

@@ -7,6 +7,7 @@ use crate::view::write_layers;
 use crate::volume_light;
 use crate::whole_world::WholeWorld;
 use clap::Args;
+use earthshine_render::camera::Pinhole;
 use earthshine_render::metrics::{LinearErrors, PictureErrors, compare_pictures, linear_errors};
 use earthshine_render::picture::{Layers, LightSource, Picture};
 use earthshine_render::screen_space::screen_light::ScreenLight;
@@ -18,17 +19,24 @@ use std::path::Path;
 /// Where near ends, as a share of the scene's diagonal, unless told: about a voxel of a bake with some thousand patches.
 const RADIUS_SHARE: f32 = 0.03;
 
+/// The same of served light, as a share of a voxel.
+pub(crate) const SERVED_RADIUS_VOXELS: f32 = 0.5;
+/// Rays a pixel without and with a world, unless told.
+const FAR_SAMPLES: u32 = 8;
+pub(crate) const SERVED_SAMPLES: u32 = 64;
+
 /// Options of the method.
 #[derive(Args)]
 #[command(next_help_heading = "With --method screen-space")]
 pub(super) struct ScreenSpaceArguments {
-    /// Far rays a pixel, each answered by a path; 8 if not given. Not with --world.
+    /// Far rays a pixel, each answered by a path; 8 if not given. With --world rays a pixel, each answered by its light; 64 if not
+    /// given.
     #[arg(long)]
     far_samples: Option<u32>,
-    /// Short rays a pixel for occlusion and near light; 16 if not given.
+    /// Short rays a pixel for occlusion and near light; 16 if not given. Not with --world.
     #[arg(long)]
     near_samples: Option<u32>,
-    /// Where near ends, m. Default: a voxel with --world, else 3 % of the scene's diagonal.
+    /// Where near ends, m. Default: half a voxel with --world, else 3 % of the scene's diagonal.
     #[arg(long)]
     radius: Option<f32>,
 }
@@ -39,9 +47,9 @@ impl ScreenSpaceArguments {
         self.far_samples.is_some() || self.near_samples.is_some() || self.radius.is_some()
     }
 
-    /// Whether far rays were asked for.
-    pub(super) fn has_far_samples(&self) -> bool {
-        self.far_samples.is_some()
+    /// Whether short rays were asked for.
+    pub(super) fn has_near_samples(&self) -> bool {
+        self.near_samples.is_some()
     }
 }
 
@@ -55,7 +63,7 @@ struct Variant {
 
 /// Far light from few rays a pixel.
 pub(super) fn gathered(task: &Task<'_>) -> anyhow::Result<()> {
-    let options = options(task, RADIUS_SHARE * task.source.scene.bounds().size().length());
+    let options = options(task, FAR_SAMPLES, RADIUS_SHARE * task.source.scene.bounds().size().length());
     let bar = counted("gather", "pixels", screen_space::work_pixels(&options.camera), task.arguments.json);
     let advance = |pixels| bar.inc(pixels);
     let light = screen_space::gathered(task.tracer, &task.source.lights, &options, &advance)?;
@@ -70,15 +78,17 @@ pub(super) fn gathered(task: &Task<'_>) -> anyhow::Result<()> {
     report(task, &options, &light, drawn)
 }
 
-/// Far light from the world in `folder`.
+/// Light of the world in `folder` where rays end.
 pub(super) fn served(task: &Task<'_>, folder: &Path) -> anyhow::Result<()> {
     let world = WholeWorld::load(folder)?;
-    let options = options(task, world.manifest.parameters.grid.voxel_edge_m);
+    let voxel_edge_m = world.manifest.parameters.grid.voxel_edge_m;
+    let options = options(task, SERVED_SAMPLES, SERVED_RADIUS_VOXELS * voxel_edge_m);
     options.validate()?;
     let rig = &task.source.lights;
     let volumes = world.volumes(&world.solve(rig))?;
     let lookup = |position, normal| volume_light::at(&volumes, position, normal);
-    let bar = counted("refine", "pixels", screen_space::work_pixels(&options.camera), task.arguments.json);
+    let work = screen_space::served::work_texels(&options.camera);
+    let bar = counted("refine", "texels", work, task.arguments.json);
     let advance = |pixels| bar.inc(pixels);
     let light = screen_space::served(task.tracer, rig, &options, &lookup, &advance)?;
     bar.finish();
@@ -90,11 +100,11 @@ pub(super) fn served(task: &Task<'_>, folder: &Path) -> anyhow::Result<()> {
     report(task, &options, &light, drawn)
 }
 
-fn options(task: &Task<'_>, default_radius_m: f32) -> ScreenSpaceOptions {
+fn options(task: &Task<'_>, default_samples: u32, default_radius_m: f32) -> ScreenSpaceOptions {
     let given = &task.arguments.screen_space;
     ScreenSpaceOptions {
         camera: task.options.camera,
-        far_samples: given.far_samples.unwrap_or(8),
+        far_samples: given.far_samples.unwrap_or(default_samples),
         near_samples: given.near_samples.unwrap_or(16),
         radius_m: given.radius.unwrap_or(default_radius_m),
         seed: task.arguments.seed,
@@ -120,7 +130,7 @@ fn report(
         variants.push(Variant { name, layers, errors, linear });
     }
     write_layers(&arguments.out, "reference_", &reference, exposure, arguments.exr)?;
-    write_sheet(&arguments.out, &variants, &reference, &occlusion_picture(light), exposure)?;
+    write_sheet(&arguments.out, &variants, &reference, &occlusion_picture(light, &options.camera), exposure)?;
     if arguments.json {
         let by_name: serde_json::Map<_, _> = variants
             .iter()
@@ -132,10 +142,10 @@ fn report(
                 (variant.name.to_owned(), figures)
             })
             .collect();
-        let far_samples = arguments.world.is_none().then_some(options.far_samples);
+        let near_samples = arguments.world.is_none().then_some(options.near_samples);
         let figures = serde_json::json!({
-            "method": "screen-space", "radius_m": options.radius_m, "far_samples": far_samples,
-            "near_samples": options.near_samples, "exposure": exposure, "indirect": by_name,
+            "method": "screen-space", "radius_m": options.radius_m,
+            "far_samples": options.far_samples, "near_samples": near_samples, "exposure": exposure, "indirect": by_name,
         });
         out!("{figures}");
         return Ok(());
@@ -150,11 +160,17 @@ fn report(
     Ok(())
 }
 
-/// White where nothing is near.
-fn occlusion_picture(light: &ScreenIrradiance) -> Picture {
-    let camera = light.buffer.camera();
-    let open = light.occlusion.iter().map(|&share| Rgb::splat(1.0 - share)).collect();
-    Picture::new(camera.width(), camera.height(), open)
+/// White where nothing is near; of several texels to a pixel the mean.
+fn occlusion_picture(light: &ScreenIrradiance, camera: &Pinhole) -> Picture {
+    let across = light.buffer.camera().width();
+    let finer = across / camera.width();
+    let open = |pixel: u32| {
+        let (left, top) = (pixel % camera.width() * finer, pixel / camera.width() * finer);
+        let texel = |at: u32| light.occlusion[((top + at / finer) * across + left + at % finer) as usize];
+        1.0 - (0..finer * finer).map(texel).sum::<f32>() / (finer * finer) as f32
+    };
+    let pixels = (0..camera.width() * camera.height()).map(|pixel| Rgb::splat(open(pixel))).collect();
+    Picture::new(camera.width(), camera.height(), pixels)
 }
 
 fn write_sheet(

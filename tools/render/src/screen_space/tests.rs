@@ -27,26 +27,83 @@ fn a_furnace_is_not_changed_by_refinement_of_served_light() {
     let light = Rgb::splat(6.0 * std::f32::consts::PI);
     let lookup = |_: Vec3, _: Vec3| Some(light);
     let view = options(Vec3::splat(0.5), Vec3::ZERO);
-    let found = served(&tracer, &rig, &view, &lookup, &|_| ()).unwrap();
+    let view = ScreenSpaceOptions { far_samples: 64, ..view };
+    let done = std::sync::atomic::AtomicU64::new(0);
+    let finished = |texels| {
+        done.fetch_add(texels, std::sync::atomic::Ordering::Relaxed);
+    };
+    let found = served(&tracer, &rig, &view, &lookup, &finished).unwrap();
+    assert_eq!(done.into_inner(), served::work_texels(&view.camera));
     assert!(found.occlusion.iter().any(|&share| share > 0.3), "a corner is in view");
-    for pixel in &found.refined {
-        assert!((*pixel - light).abs().max_element() < 1e-3, "{pixel}");
-    }
+    assert!((mean(&found.refined) / light.x - 1.0).abs() < 0.005, "{}", mean(&found.refined));
+    let worst = found.refined.iter().map(|pixel| (pixel.x / light.x - 1.0).abs()).fold(0.0, f32::max);
+    assert!(worst < 0.25, "{worst}");
 }
 
+/// Goal: what volumes smear comes out sharp. Method: a room with a lamp and a shelf, served as one mean irradiance a direction;
+/// against the reference at some texels.
 #[test]
-fn the_picture_keeps_its_served_light() {
+fn smeared_served_light_comes_out_sharp() {
     let mut builder = SceneBuilder::default();
     let wall = builder.material(grey(0.6));
     builder.room(wall);
+    builder.quad(Vec3::new(0.2, 0.0, 0.2), Vec3::Y * 0.3, Vec3::X * 0.3, wall);
     let lamp = Light::Point { position: Vec3::new(0.6, 0.8, 0.3), intensity: Rgb::splat(9.0), range_m: None };
     let rig = LightRig { lights: vec![lamp], ..LightRig::emission_only() };
     let tracer = SceneTracer::new(&builder.scene);
-    let lookup = |_: Vec3, _: Vec3| Some(Rgb::splat(20.0));
     let view = options(Vec3::splat(0.9), Vec3::new(0.2, 0.1, 0.2));
+    let view = ScreenSpaceOptions { far_samples: 256, radius_m: 0.1, ..view };
+    let vertex = |texel: &Option<Texel>| texel.expect("a room is all around").vertex;
+    let places: Vec<_> =
+        GBuffer::trace(&tracer, &view.camera.finer(2)).texels().iter().map(vertex).step_by(13).collect();
+    let light = |place: &Vertex| irradiance_at(&tracer, &rig, place.position, place.normal, 2048, 2).0;
+    let right: Vec<Rgb> = places.iter().map(light).collect();
+    let axes = [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z];
+    let means = axes.map(|axis| {
+        let alike = || places.iter().zip(&right).filter(|(place, _)| place.normal.dot(axis) > 0.9);
+        alike().map(|(_, light)| *light).sum::<Rgb>() / alike().count().max(1) as f32
+    });
+    let lookup = |_: Vec3, normal: Vec3| {
+        axes.iter().zip(means).find(|(axis, _)| axis.dot(normal) > 0.9).map(|(_, light)| light)
+    };
     let found = served(&tracer, &rig, &view, &lookup, &|_| ()).unwrap();
-    assert!((mean(&found.refined) / mean(&found.plain) - 1.0).abs() < 0.02, "{}", mean(&found.refined));
-    assert!(found.refined.iter().any(|pixel| (pixel.x - 20.0).abs() > 1.0), "it was moved");
+    let error = |light: &[Rgb]| {
+        let squares = light.iter().step_by(13).zip(&right).map(|(a, b)| (a.x - b.x).powi(2)).sum::<f32>();
+        (squares / right.iter().map(|b| b.x * b.x).sum::<f32>()).sqrt()
+    };
+    let (plain, refined) = (error(&found.plain), error(&found.refined));
+    assert!(refined < 0.7 * plain, "{refined}, {plain} before");
+}
+
+/// A floor and a curb of 0.25 m under a sky, served by means over voxels of 0.5 m.
+#[test]
+fn contact_shade_below_a_voxel_comes_back() {
+    let mut builder = SceneBuilder::default();
+    let wall = builder.material(grey(0.5));
+    builder.quad(Vec3::new(0.0, 0.0, -50.0), Vec3::Z * 100.0, Vec3::X * 100.0, wall);
+    builder.quad(Vec3::new(0.0, 0.0, -50.0), Vec3::Y * 0.25, Vec3::Z * 100.0, wall);
+    let tracer = SceneTracer::new(&builder.scene);
+    let rig = LightRig { sky: Sky::constant(Rgb::ONE), ..LightRig::emission_only() };
+    let reference = |x: f32| irradiance_at(&tracer, &rig, Vec3::new(x, 0.0, 0.0), Vec3::Y, 4096, 2).0.x;
+    let voxel_mean =
+        |first: f32| (0..10).map(|i| reference(first + (i as f32 + 0.5) * 0.05)).sum::<f32>() / 10.0;
+    let (inner, outer) = (voxel_mean(0.0), voxel_mean(0.5));
+    let lookup = |position: Vec3, _: Vec3| Some(Rgb::splat(if position.x < 0.5 { inner } else { outer }));
+    let view = options(Vec3::new(0.5, 1.0, 0.0), Vec3::new(0.4, 0.0, 0.0));
+    let view = ScreenSpaceOptions { far_samples: 64, ..view };
+    let found = served(&tracer, &rig, &view, &lookup, &|_| ()).unwrap();
+    let lights = found.plain.iter().zip(&found.refined).zip(found.buffer.texels());
+    let (mut before, mut after, mut count) = (0.0, 0.0, 0);
+    for ((plain, refined), texel) in lights.step_by(97) {
+        let Some(place) = texel.map(|texel| texel.vertex).filter(|place| place.normal.y > 0.9) else {
+            continue;
+        };
+        let right = reference(place.position.x);
+        before += (plain.x - right).abs();
+        after += (refined.x - right).abs();
+        count += 1;
+    }
+    assert!(count > 40 && after < 0.4 * before, "{after} after, {before} before, {count} places");
 }
 
 #[test]
@@ -84,35 +141,6 @@ fn an_open_plane_under_a_constant_sky_is_exact() {
             assert!((pixel.x - expected).abs() < 1e-3, "{pixel}");
         }
     }
-}
-
-/// A floor and a curb of 0.25 m under a sky: a voxel of 0.5 m at the curb, its light and means by the reference.
-#[test]
-fn served_means_come_back_as_contact_shade() {
-    let mut builder = SceneBuilder::default();
-    let wall = builder.material(grey(0.5));
-    builder.quad(Vec3::new(0.0, 0.0, -50.0), Vec3::Z * 100.0, Vec3::X * 100.0, wall);
-    builder.quad(Vec3::new(0.0, 0.0, -50.0), Vec3::Y * 0.25, Vec3::Z * 100.0, wall);
-    let tracer = SceneTracer::new(&builder.scene);
-    let rig = LightRig { sky: Sky::constant(Rgb::ONE), ..LightRig::emission_only() };
-    let reference = |x: f32| irradiance_at(&tracer, &rig, Vec3::new(x, 0.0, 0.0), Vec3::Y, 4096, 2).0;
-    // Means over the half metre next to the wall and over the one beyond, on the floor; the wall is taken alike.
-    let places: Vec<f32> = (0..20).map(|i| (i as f32 + 0.5) * 0.025).collect();
-    let voxel_mean = |first: f32| places.iter().map(|x| reference(first + x)).sum::<Rgb>() / 20.0;
-    let (inner, outer) = (voxel_mean(0.0), voxel_mean(0.5));
-    let lookup = |position: Vec3, _: Vec3| Some(if position.x < 0.5 { inner } else { outer });
-    let rays = ShortRays { samples: 256, radius_m: 0.5, seed: 1 };
-    let lit = lit_radiance(&tracer, &rig, &lookup);
-    let near = |x: f32, index: u64| near_light(&tracer, (Vec3::new(x, 0.0, 0.0), Vec3::Y), rays, index, &lit);
-    let mean_near =
-        |first: f32| places.iter().enumerate().map(|(i, x)| near(first + x, i as u64)).sum::<Vec4>() / 20.0;
-    let mean = mean_near(0.0);
-    let refined = |x: f32| redistributed(inner, mean, near(x, 77));
-    let total = |light: &dyn Fn(f32) -> Rgb| places.iter().map(|&x| light(x).x).sum::<f32>() / 20.0;
-    assert!((total(&refined) / inner.x - 1.0).abs() < 0.01, "the voxel keeps its light");
-    let error = |light: &dyn Fn(f32) -> Rgb| total(&|x| Rgb::splat((light(x) - reference(x)).x.abs()));
-    let (before, after) = (error(&|_| inner), error(&refined));
-    assert!(after < 0.5 * before, "{after} after, {before} before");
 }
 
 #[test]
