@@ -133,8 +133,10 @@ fn places(chunks: &[Chunk], count: usize) -> Vec<(Vec3, Vec3)> {
 
 fn on_device(device: &GpuDevice, volumes: &[Volume], places: &[(Vec3, Vec3)]) -> Vec<[f32; 4]> {
     let words = ShaderVolumes::of(volumes);
-    let asked: Vec<[f32; 4]> =
-        places.iter().flat_map(|(at, normal)| [at.extend(0.0).to_array(), normal.extend(0.0).to_array()]).collect();
+    let asked: Vec<[f32; 4]> = places
+        .iter()
+        .flat_map(|(at, normal)| [at.extend(0.0).to_array(), normal.extend(0.0).to_array()])
+        .collect();
     let blank = vec![[f32::NAN; 4]; places.len()];
     let contents: [&[u8]; 5] = [
         bytemuck::cast_slice(&words.layouts),
@@ -172,7 +174,11 @@ fn on_device(device: &GpuDevice, volumes: &[Volume], places: &[(Vec3, Vec3)]) ->
         })
         .collect();
     let layout = pipeline.get_bind_group_layout(0);
-    let group = device.wgpu().create_bind_group(&BindGroupDescriptor { label: None, layout: &layout, entries: &entries });
+    let group = device.wgpu().create_bind_group(&BindGroupDescriptor {
+        label: None,
+        layout: &layout,
+        entries: &entries,
+    });
     let bytes = contents[4].len() as u64;
     let found = read_now(device, &buffers[4], bytes, |encoder| {
         let mut pass = encoder.begin_compute_pass(&Default::default());
@@ -204,7 +210,8 @@ fn the_shader_reads_what_the_client_library_reads() {
             };
             lit += 1;
             let light = Vec3::new(found[0], found[1], found[2]);
-            let off = (light - expected.irradiance).abs().max_element() / expected.irradiance.max_element().max(1.0);
+            let off = (light - expected.irradiance).abs().max_element()
+                / expected.irradiance.max_element().max(1.0);
             assert!(found[3] == 1.0 && off < 1e-3, "{at}: {position} {normal}: {found:?} for {expected:?}");
         }
         assert!(volumes.is_empty() || lit > 2000, "{lit} lit, {dark} dark");

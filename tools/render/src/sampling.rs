@@ -84,7 +84,9 @@ mod tests {
                 points.iter().map(|point| f64::from(value(point))).sum::<f64>() / f64::from(count)
             };
             products += (mean(&|[(a, b), (c, d)]| a * b * c * d) - 0.0625).powi(2) / 16.0;
-            quarters += (mean(&|[(a, _), (_, d)]| if *a < 0.5 && *d < 0.5 { 1.0 } else { 0.0 }) - 0.25).powi(2) / 16.0;
+            quarters += (mean(&|[(a, _), (_, d)]| if *a < 0.5 && *d < 0.5 { 1.0 } else { 0.0 }) - 0.25)
+                .powi(2)
+                / 16.0;
         }
         // Of random numbers 0.0014 and 0.0068.
         assert!(products.sqrt() < 7e-4 && quarters.sqrt() < 2e-3, "{} {}", products.sqrt(), quarters.sqrt());
