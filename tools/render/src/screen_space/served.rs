@@ -2,8 +2,8 @@
 //!
 //! What a volume smears over a voxel, or reads from the wrong surface in it, is smeared once more by the bounce and hardly
 //! seen. Lamps light the ends of rays directly, with shadows. Near light is kept as sharp as the picture, far light and
-//! that of emitters is filtered along surfaces; the picture is looked at in twice as many pixels along each edge, since mouldings are thinner
-//! than a pixel.
+//! that of emitters is filtered along surfaces; the picture is looked at in twice as many pixels along each edge, since
+//! mouldings are thinner than a pixel.
 
 use super::far_light::{self, Gathered, Rays};
 use super::g_buffer::{GBuffer, Texel};
