@@ -39,11 +39,11 @@ fn town() -> Vec<Chunk> {
     let folder = tempfile::tempdir().expect("a folder");
     let parameters = BakeParameters {
         grid: Grid { voxel_edge_m: VOXEL_M, chunk_edge_voxels: 8 },
-        rays_per_patch: 16,
-        receiver_rays: 16,
+        rays_per_patch: 64,
+        receiver_rays: 64,
         receiver_reach_voxels: 2,
         detail: DETAIL,
-        detail_rays: 16,
+        detail_rays: 64,
         ..BakeParameters::default()
     };
     let options = BakeOptions {
