@@ -152,6 +152,7 @@ impl Metrics {
         if let Some(of) = current {
             device.register_collector(Box::new(PassCollector(of.pass_totals())));
             device.register_collector(Box::new(NewsCollector(of.news_totals())));
+            device.register_collector(Box::new(WaitsCollector(of.waits())));
         }
         text::encode_registry(&mut body, &device)?;
         text::encode_eof(&mut body)?;
@@ -237,6 +238,21 @@ impl Collector for NewsCollector {
         ] {
             let metric = encoder.encode_descriptor(name, help, None, MetricType::Counter)?;
             ConstCounter::new(value).encode(metric)?;
+        }
+        Ok(())
+    }
+}
+
+/// How often the host stood still for the device.
+#[derive(Debug)]
+struct WaitsCollector(BTreeMap<&'static str, u64>);
+
+impl Collector for WaitsCollector {
+    fn encode(&self, mut encoder: DescriptorEncoder<'_>) -> Result<(), std::fmt::Error> {
+        let help = "Times that somebody waited for the device; a tick does not, but where a method begins";
+        let mut waits = encoder.encode_descriptor("waits", help, None, MetricType::Counter)?;
+        for (what, &count) in &self.0 {
+            ConstCounter::new(count).encode(waits.encode_family(&[("what", *what)])?)?;
         }
         Ok(())
     }
@@ -395,6 +411,7 @@ mod tests {
         registry.register_collector(Box::new(DeviceCollector { is_there: Some(false), counts }));
         let news = NewsTotals { frames: 4, entries: 70, bytes: 1184, late_frames: 5, waits: 1 };
         registry.register_collector(Box::new(NewsCollector(news)));
+        registry.register_collector(Box::new(WaitsCollector(BTreeMap::from([("light", 2)]))));
         let mut text = String::new();
         text::encode_registry(&mut text, &registry).unwrap();
         for line in [
@@ -411,6 +428,7 @@ mod tests {
             "earthshine_gpu_news_bytes_total 1184",
             "earthshine_gpu_news_late_frames_total 5",
             "earthshine_gpu_news_waits_total 1",
+            "earthshine_gpu_waits_total{what=\"light\"} 2",
         ] {
             assert!(text.lines().any(|found| found == line), "{line} is not in\n{text}");
         }

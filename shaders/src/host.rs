@@ -125,6 +125,8 @@ gpu_structs! {
         off_surface_m: f32,
         /// Of the table of voxels: a power of two.
         voxel_slots: u32,
+        /// A patch whose pivot is below it does not enter.
+        pivot_min: f32,
     }
 
     /// A patch in its slot; all zero in a free one.
@@ -137,7 +139,7 @@ gpu_structs! {
 
     /// A patch of the block that enters, leaves or is refined.
     Member {
-        /// Its row and column.
+        /// Its row and column; all ones once it did not enter.
         slot: u32,
         /// Its column in the block.
         place: u32,

@@ -74,7 +74,9 @@ macro_rules! kernel {
 
 kernel!(
     /// What a block's patches exchange with residents, into its columns.
-    SCATTER_EXCHANGE = "scatter_exchange", [], [read("entries"), written("columns")]
+    SCATTER_EXCHANGE = "scatter_exchange",
+    ["resident"],
+    [read("entries"), read("residents"), written("columns")]
 );
 kernel!(
     /// A plane times a block's columns.
@@ -93,6 +95,21 @@ kernel!(
     RETURN_LIGHT = "return_light",
     ["resident"],
     [read("exchange"), read("columns"), read("residents"), written("returned")]
+);
+kernel!(
+    /// Who of a block enters, and its small matrices.
+    SOLVE_BLOCK = "solve_block",
+    ["resident", "member"],
+    [
+        read("returned"),
+        written("among"),
+        read("offered"),
+        written("residents"),
+        written("members"),
+        written("exchange"),
+        written("small"),
+        written("refused"),
+    ]
 );
 kernel!(
     /// A block's columns times two small matrices.
@@ -380,6 +397,7 @@ pub const KERNELS: &[Kernel] = &[
     GATHER_COLUMNS,
     COMBINE_COLUMNS,
     RETURN_LIGHT,
+    SOLVE_BLOCK,
     TIMES_SMALL,
     RANK_UPDATE,
     WRITE_COLUMNS,

@@ -49,8 +49,10 @@ pub fn backend_conformance_at(sizes: &[u32], make: impl Fn(u32) -> Box<dyn Backe
         a_newcomer_inherits_nothing(&mut *fresh());
         what_is_cleared_is_as_new(&mut *fresh());
         what_is_of_no_interest_waits(&mut *fresh());
+        what_is_polled_is_what_is_read(&mut *fresh());
         a_repair_in_steps_ends_and_changes_nothing(&mut *fresh());
         refusals::a_loop_without_loss_is_refused_and_counted(&mut *fresh());
+        refusals::who_is_refused_in_a_block_leaves_no_trace(&mut *fresh());
         refusals::errors_leave_no_trace(&mut *fresh());
         news_conformance(fresh);
     }
@@ -264,6 +266,29 @@ fn what_is_of_no_interest_waits(backend: &mut dyn Backend) {
     backend.set_interest(None).expect("all");
     backend.step().expect("a device that works");
     assert!(slots.iter().all(|&slot| backend.is_current(slot)) && read(backend, &slots) == after);
+}
+
+/// Goal: who does not wait hears the same, of the moment when it asked first. Method: light and drift are asked for, then
+/// sources change and a patch leaves before the answer is taken.
+fn what_is_polled_is_what_is_read(backend: &mut dyn Backend) {
+    let slots = furnish(backend, 0.7);
+    let sources: Vec<Rgb> = slots.iter().map(|slot| Rgb::new(1.0 + slot.0 as f32, 2.0, 0.0)).collect();
+    let expected = lit(backend, &slots, &sources, &sources);
+    let drift = backend.drift(5);
+    let mut light = vec![Rgb::NAN; slots.len()];
+    let mut has_light = backend.poll_irradiance(&slots, &mut light).expect("taken slots");
+    let mut found = backend.poll_drift(5).expect("a device that works");
+    backend.set_sources(&slots, &vec![Rgb::ZERO; slots.len()], &sources).expect("taken slots");
+    backend.step().expect("a device that works");
+    backend.apply(&[Update::Remove { slot: slots[0] }]).expect("a resident");
+    let start = std::time::Instant::now();
+    while !has_light || found.is_none() {
+        assert!(start.elapsed() < std::time::Duration::from_secs(60), "no answer comes");
+        std::thread::yield_now();
+        has_light = has_light || backend.poll_irradiance(&slots, &mut light).expect("it was asked for");
+        found = found.or(backend.poll_drift(5).expect("a device that works"));
+    }
+    assert_eq!((light, found), (expected, Some(drift)));
 }
 
 /// Goal: a repair can run beside everything else. Method: a sound matrix, a few columns a call; the light stays.

@@ -2,7 +2,10 @@
 
 use crate::viewer::within;
 use earthshine_server::{Config, CurrentDevice, Server, ServerError};
+use std::net::SocketAddr;
 use std::path::Path;
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+use tokio::net::TcpStream;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 
@@ -13,6 +16,7 @@ pub struct ServedWorld {
     pub uri: String,
     /// The device that computes, if any.
     pub device: CurrentDevice,
+    admin: SocketAddr,
     stop: oneshot::Sender<()>,
     ended: JoinHandle<Result<(), ServerError>>,
 }
@@ -40,9 +44,30 @@ impl ServedWorld {
         change(&mut config);
         let server = Server::bind(config).await.expect("a sound world and a free port");
         let (uri, device) = (format!("http://{}", server.local_addr()), server.device());
+        let admin = server.admin_addr();
         let (stop, stopped) = oneshot::channel();
         let ended = tokio::spawn(server.run(async { drop(stopped.await) }));
-        Self { uri, device, stop, ended }
+        Self { uri, device, admin, stop, ended }
+    }
+
+    /// The sum of all lines of a metric, as a scraper reads them; 0 if there is none.
+    ///
+    /// # Panics
+    /// If the server does not answer.
+    pub async fn metric(&self, name: &str) -> f64 {
+        let asked = async {
+            let mut stream = TcpStream::connect(self.admin).await?;
+            stream.write_all(b"GET /metrics HTTP/1.0\r\nHost: local\r\n\r\n").await?;
+            let mut text = String::new();
+            stream.read_to_string(&mut text).await?;
+            std::io::Result::Ok(text)
+        };
+        let text = within("metrics", asked).await.expect("the server answers");
+        let value = |line: &str| {
+            let (what, value) = line.rsplit_once(' ')?;
+            if what.split('{').next()? == name { value.parse::<f64>().ok() } else { None }
+        };
+        text.lines().filter_map(value).sum()
     }
 
     /// Stops it and returns how it ended.

@@ -1,7 +1,8 @@
 //! The GPU backend passes the suite of its trait on whatever adapter there is; without one these tests say why they are
 //! skipped.
 
-use earthshine_client::{ClientOptions, Light, Lights, Vec3};
+use earthshine_bake::Levels;
+use earthshine_client::{Camera, ClientOptions, Light, Lights, Vec3};
 use earthshine_gen::fixtures;
 use earthshine_gpu::alias::AliasBuilder;
 use earthshine_gpu::{GpuBackend, GpuDevice, GpuRowLight};
@@ -84,7 +85,87 @@ fn a_lost_device_is_an_error_of_every_call() {
     assert!(is_lost(backend.step().map(drop)) && is_lost(backend.resolve()));
     assert!(is_lost(backend.repair(8).map(drop)));
     assert!(backend.drift(1).is_infinite());
+    assert!(is_lost(backend.poll_drift(1).map(drop)));
+    assert!(is_lost(backend.poll_irradiance(&[Slot(0)], &mut [Rgb::ZERO]).map(drop)));
+    assert!(is_lost(backend.clear()) && backend.is_taken(Slot(0)));
     assert!(is_lost(GpuBackend::new(&device, 8).map(drop)));
+}
+
+/// Goal: no half of a block is ever told. Method: the device is lost when some of two blocks is known, who is refused among
+/// them, and the rest is on its way; nothing is told of anybody after that.
+#[test]
+fn of_a_block_that_a_device_was_lost_in_nothing_is_told() {
+    let Some(device) = device_or_skip() else { return };
+    let mut backend = GpuBackend::new(&device, 64).expect("a small matrix");
+    let own = |slot: u32| if slot % 5 == 4 { (0.98, 1.0) } else { (0.5, 0.5) };
+    let add = |slot: u32| {
+        let (reflectance, share) = own(slot);
+        let reflectance = Rgb::splat(reflectance);
+        Update::Add {
+            slot: Slot(slot),
+            reflectance,
+            area: 1.0,
+            row: vec![(Slot(slot), share)],
+            column: vec![],
+        }
+    };
+    let updates: Vec<Update> = (0..40).map(add).collect();
+    backend.apply(&updates).expect("free slots");
+    backend.step().expect("a device that works");
+    let more: Vec<Update> = (40..64).map(add).collect();
+    backend.apply(&more).expect("free slots");
+    device.destroy();
+    let (mut news, mut refused) = (Vec::new(), Vec::new());
+    assert!(matches!(backend.take_news(&mut news), Err(BackendError::DeviceLost { .. })));
+    assert!(matches!(backend.take_refused(&mut refused), Err(BackendError::DeviceLost { .. })));
+    assert!(news.is_empty() && refused.is_empty());
+}
+
+/// Goal: no tick waits for the device: patches come and go, are refused or not, light of all kinds is told, drift is probed and
+/// methods are audited, and the host never stands still for it. Method: a camera flies up and down a corridor of which half
+/// fits; what is counted as waits does not grow from the first settled light on. Opening a device, beginning a method and
+/// shutting down may wait.
+#[tokio::test]
+async fn a_flight_waits_for_nothing_on_the_device() {
+    let Some(probe) = device_or_skip() else { return };
+    let scene = imported(&fixtures::corridor_glb(16.0));
+    let lights = LightRig { sky: Sky::constant(Rgb::splat(1e4)), ..own_lights(&scene) };
+    let world = BakedWorld::with_levels("corridor", &scene, lights, coarse(1.0, 4), Levels::Exactly(2));
+    for method in [Method::Matrix, Method::Hybrid] {
+        let served = ServedWorld::start(world.path(), world.patch_count() / 2, |config| {
+            config.backend = BackendKind::Gpu;
+            config.gpu_adapter = probe.name().to_owned();
+            config.engine.solver.by_level = vec![method];
+            config.engine.solver.audit_every_ticks = 5;
+            config.engine.drift_probe_every_swaps = 20;
+        })
+        .await;
+        let mut client = connect(&served.uri).await;
+        let at = |x: f32| Vec3::new(x, 1.6, 1.5);
+        settled_at(&mut client, at(2.0)).await;
+        let device = served.device.get().expect("a device computes");
+        let before = (device.waits(), served.metric("earthshine_gpu_waits_total").await);
+        let swaps_before = served.metric("earthshine_engine_patches_added_total").await;
+        for step in 0..240 {
+            let x = 8.0 - 6.0 * (step as f32 / 40.0).cos();
+            let camera = Camera { position: at(x), forward: Vec3::X, velocity: Vec3::ZERO };
+            client.set_camera(camera).expect("the session is open");
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+        settled_at(&mut client, at(14.0)).await;
+        let after = (device.waits(), served.metric("earthshine_gpu_waits_total").await);
+        assert_eq!(after, before, "{method}");
+        assert!(before.1 > 0.0 || device.subgroup_lanes().is_none(), "opening waits, and that is counted");
+        let swaps = served.metric("earthshine_engine_patches_added_total").await - swaps_before;
+        assert!(swaps > 100.0, "{method}: {swaps} patches came");
+        let told = match method {
+            Method::Matrix => "earthshine_engine_drift_probes_total",
+            _ => "earthshine_engine_audits_total",
+        };
+        assert!(served.metric(told).await > 2.0, "{method}");
+        client.close().await;
+        served.stop().await.expect("a clean end");
+    }
 }
 
 /// Goal: the service computes on a device, loses it, goes on with light of every patch, opens it again, and ends with the

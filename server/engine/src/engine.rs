@@ -157,6 +157,7 @@ impl Engine {
         }
         self.are_wants_old |= self.chunks.release_quarantined(self.now_s);
         self.accept_tiles();
+        self.take_refused();
         self.build_backends();
         if std::mem::take(&mut self.are_wants_old) {
             self.plan_chunks(commands);

@@ -278,8 +278,9 @@ impl LevelView {
             self.has_news |= set.changed;
         }
         let is_new = relight::step(local)?;
-        if config.solver.audit_every_ticks > 0
-            && tick.is_multiple_of(u64::from(config.solver.audit_every_ticks))
+        let is_audited = config.solver.audit_every_ticks > 0
+            && tick.is_multiple_of(u64::from(config.solver.audit_every_ticks));
+        if (is_audited || local.backend.is_audit_coming())
             && let Some(error) = local.backend.audit()?
         {
             self.audit_error = error;
@@ -331,7 +332,8 @@ impl LevelView {
         self.sends_news = false;
     }
 
-    /// Keeps the backend's matrix true: a probe when it is due, a repair a few columns a tick, a fresh solve.
+    /// Keeps the backend's matrix true: a probe when it is due, a repair a few columns a tick, a fresh solve. A probe may be
+    /// told in a later tick, and a backend that is behind is given no more to do.
     fn tend_matrix(
         &mut self,
         config: &EngineConfig,
@@ -339,9 +341,18 @@ impl LevelView {
         counters: &mut Counters,
     ) -> Result<(), BackendError> {
         let Some(local) = &mut self.local else { return Ok(()) };
-        if local.swaps_since_probe >= config.drift_probe_every_swaps {
+        if local.backend.is_behind() {
+            return Ok(());
+        }
+        if local.swaps_since_probe >= config.drift_probe_every_swaps && !local.is_probing {
             local.swaps_since_probe = 0;
-            self.drift = local.backend.drift(config.seed.wrapping_add(tick));
+            local.is_probing = true;
+        }
+        let told =
+            if local.is_probing { local.backend.poll_drift(config.seed.wrapping_add(tick))? } else { None };
+        if let Some(drift) = told {
+            self.drift = drift;
+            local.is_probing = false;
             counters.drift_probes += 1;
             if self.drift.is_nan() || self.drift > config.drift_max {
                 counters.resolves += 1;
@@ -394,7 +405,7 @@ impl LevelView {
 
     /// Whether some of its light waits for its turn.
     fn has_work(&self) -> bool {
-        let needs_step = self.local.as_ref().is_some_and(|local| local.needs_step);
+        let needs_step = self.local.as_ref().is_some_and(|local| local.needs_step || local.is_probing);
         self.are_sources_old || self.is_far_old || self.far_device.is_under_way() || needs_step
     }
 

@@ -86,6 +86,8 @@ pub(crate) struct LocalSet {
     /// Whether the backend's matrix or sources changed after its last step.
     pub(crate) needs_step: bool,
     pub(crate) swaps_since_probe: u32,
+    /// Whether a probe of the backend's matrix is to be told.
+    pub(crate) is_probing: bool,
     /// Whether a repair of the backend's matrix is under way.
     pub(crate) is_repairing: bool,
     /// Whether its solver goes on for ever: still light is as settled as it gets.
@@ -99,7 +101,7 @@ pub(crate) struct LocalSet {
 pub(crate) struct Added {
     /// In their slots.
     pub(crate) slots: Vec<u32>,
-    /// Refused for a weak pivot.
+    /// Refused at once for a weak pivot.
     pub(crate) weak_pivots: u32,
     /// Refused for another reason.
     pub(crate) refused: u32,
@@ -129,6 +131,7 @@ impl LocalSet {
             news: Vec::new(),
             needs_step: false,
             swaps_since_probe: 0,
+            is_probing: false,
             is_repairing: false,
             is_endless: false,
             has_tables: false,
@@ -344,6 +347,19 @@ impl LocalSet {
         }
         self.count_swaps(added.slots.len());
         added
+    }
+
+    /// Takes whom the backend has refused since it took them for residents; returns those patches.
+    ///
+    /// # Errors
+    /// Whatever the backend says: it is of no more use.
+    pub(crate) fn take_refused(&mut self) -> Result<Vec<PatchId>, BackendError> {
+        let mut slots = Vec::new();
+        self.backend.take_refused(&mut slots)?;
+        let ids: Vec<PatchId> = slots.iter().map(|slot| self.resident(slot.0).id).collect();
+        slots.iter().for_each(|slot| self.free_slot(slot.0));
+        self.refused.extend(&ids);
+        Ok(ids)
     }
 
     fn count_swaps(&mut self, swaps: usize) {

@@ -344,15 +344,19 @@ pub(crate) fn set_sources(local: &mut LocalSet, rig: &LightRig) -> Result<Source
     Ok(SourcesSet { changed, limited })
 }
 
-/// Steps the backend and takes what it has to tell, if there is reason to. Returns whether any light is another, to the bit.
+/// Steps the backend and takes what it has to tell, if there is reason to. One that is behind is stepped in a later tick:
+/// nobody waits. Returns whether any light is another, to the bit.
 ///
 /// # Errors
 /// Whatever the backend says: it is of no more use.
 pub(crate) fn step(local: &mut LocalSet) -> Result<bool, BackendError> {
-    if !std::mem::take(&mut local.needs_step) && local.backend.is_settled() {
+    if !local.needs_step && local.backend.is_settled() {
         return Ok(false);
     }
-    local.backend.step()?;
+    if !local.backend.is_behind() {
+        local.needs_step = false;
+        local.backend.step()?;
+    }
     let mut news = std::mem::take(&mut local.news);
     local.backend.take_news(&mut news)?;
     let mut changed = false;

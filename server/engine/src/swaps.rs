@@ -36,7 +36,38 @@ struct Turn {
 }
 
 impl LevelView {
-    /// Removes and adds as planned, as far as `most` goes; new patches are lit. Returns what was done.
+    /// Lets patches go that the backend has refused since they came: they have never had light.
+    ///
+    /// # Errors
+    /// Whatever the backend says: it is of no more use.
+    pub(crate) fn take_refused(
+        &mut self,
+        table: &mut ChunkTable,
+        counters: &mut Counters,
+    ) -> Result<(), BackendError> {
+        let Some(local) = &mut self.local else { return Ok(()) };
+        let refused = local.take_refused()?;
+        for id in &refused {
+            table.release(id.chunk);
+        }
+        counters.weak_pivots += refused.len() as u64;
+        if !refused.is_empty() {
+            self.is_plan_old = true;
+            self.note_moves();
+        }
+        Ok(())
+    }
+
+    /// Patches have come or gone: far light and frames follow.
+    fn note_moves(&mut self) {
+        self.is_far_old = true;
+        self.is_urgent = true;
+        self.sends_news = true;
+        self.has_news = true;
+    }
+
+    /// Removes and adds as planned, as far as `most` goes; new patches are lit. Returns what was done: nothing as long as the
+    /// backend is behind with what it was told before.
     ///
     /// # Errors
     /// Whatever the backend says: it is of no more use.
@@ -48,7 +79,9 @@ impl LevelView {
         tick: u64,
         counters: &mut Counters,
     ) -> Result<Swaps, BackendError> {
-        let Some(mut local) = self.local.take() else { return Ok(Swaps::default()) };
+        let Some(mut local) = self.local.take_if(|local| !local.backend.is_behind()) else {
+            return Ok(Swaps::default());
+        };
         let done = self.swap_in(&mut local, table, lighting, most, tick, counters);
         self.local = Some(local);
         done
@@ -90,11 +123,8 @@ impl LevelView {
         let has_moved = cleared > 0 || !leaving.is_empty() || !added.slots.is_empty();
         if has_moved {
             local.order_tables(self.focus);
+            self.note_moves();
         }
-        self.is_far_old |= has_moved;
-        self.is_urgent |= has_moved;
-        self.sends_news |= has_moved;
-        self.has_news |= has_moved;
 
         counters.adds += added.slots.len() as u64;
         counters.removes += leaving.len() as u64;

@@ -11,6 +11,20 @@ use crate::swap_price::PARTS;
 use crate::swaps::Swaps;
 
 impl Engine {
+    /// Hears of patches that backends have refused late.
+    pub(crate) fn take_refused(&mut self) {
+        let mut lost = Vec::new();
+        for (&id, session) in &mut self.sessions {
+            let views = &mut session.views;
+            let heard =
+                views.iter_mut().try_for_each(|view| view.take_refused(&mut self.chunks, &mut self.counters));
+            lost.extend(heard.err().map(|error| (id, error)));
+        }
+        for (id, error) in lost {
+            self.lose_backend(id, &error);
+        }
+    }
+
     /// Swaps patches under the budgets. Returns what is left of the budget for direct light.
     pub(crate) fn swap_patches(&mut self) -> Budget {
         // New patches are lit as they come, for half of the budget: the other half follows moving lights.

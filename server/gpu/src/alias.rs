@@ -159,7 +159,7 @@ impl AliasBuilder {
     /// # Errors
     /// [`BackendError::DeviceLost`].
     pub fn finish(&self) -> Result<(), BackendError> {
-        self.device.wait(self.device.queue().submit([]))
+        self.device.wait("finish", self.device.queue().submit([]))
     }
 
     /// The words of every row's table: top bins first where it has sections.
@@ -171,7 +171,7 @@ impl AliasBuilder {
         if count == 0 {
             return Ok(vec![Vec::new(); self.row_starts.len() - 1]);
         }
-        let bytes = read_now(&self.device, &self.bins, 4 * count as u64, |_| {})?;
+        let bytes = read_now(&self.device, "tables", &self.bins, 4 * count as u64, |_| {})?;
         let words: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes);
         Ok(self.row_starts.windows(2).map(|bins| words[bins[0]..bins[1]].to_vec()).collect())
     }

@@ -13,12 +13,13 @@ use earthshine_radiosity::{
 };
 use earthshine_world::Rgb;
 use earthshine_world::random::{Purpose, hash, unit_f32};
+use std::collections::BTreeSet;
 
 /// A local matrix on a device.
 ///
-/// A step is handed to the device and not waited for. What of its light is news goes to the host at once, and
-/// [`Backend::take_news`] takes what has arrived; [`Backend::read_irradiance`] copies all of it and waits. Updates wait for
-/// the device once a block of 32.
+/// Updates and steps are handed to the device and not waited for. What of a step's light is news goes to the host at once,
+/// with a bit for each slot whose patch the device has refused; [`Backend::take_news`] and [`Backend::take_refused`] take what
+/// has arrived. [`Backend::read_irradiance`] and [`Backend::drift`] wait.
 #[derive(Debug)]
 pub struct GpuBackend {
     matrix: GpuMatrix,
@@ -32,6 +33,12 @@ pub struct GpuBackend {
     irradiance: Vec<f32>,
     is_read: bool,
     interest: Interest,
+    /// Slots whose patch was refused, to be told.
+    refused: BTreeSet<Slot>,
+    /// The newest step whose refusals were looked at.
+    heard: u64,
+    /// Of the light that was sent for, a flag for each slot asked for: the step had evaluated its patch.
+    are_polled_known: Vec<bool>,
     /// Slots that the last step evaluated.
     current: Vec<bool>,
     lit_columns: u32,
@@ -59,13 +66,16 @@ impl GpuBackend {
         let (slots, rows) = (capacity as usize, matrix.rows());
         Ok(Self {
             check: UpdateCheck::new(slots),
-            news: News::new(device, slots, 0)?,
+            news: News::new(device, slots, 4 * slots.div_ceil(32) as u64)?,
             own: vec![0.0; 3 * rows],
             outside: vec![0.0; 3 * rows],
             are_sources_new: false,
             irradiance: vec![0.0; 3 * rows],
             is_read: true,
             interest: Interest::default(),
+            refused: BTreeSet::new(),
+            heard: 0,
+            are_polled_known: Vec::new(),
             current: vec![false; slots],
             lit_columns: 0,
             changed: true,
@@ -123,21 +133,55 @@ impl GpuBackend {
                 Update::Remove { .. } => {}
             }
         }
-        let kept = self.matrix.add_block(&arrivals)?;
+        self.matrix.add_block(&arrivals)?;
         self.matrix.remove_block(&leaving)?;
         for slot in &leaving {
-            let at = slot.0 as usize;
-            Self::put(&mut self.own, at, Rgb::ZERO);
-            Self::put(&mut self.outside, at, Rgb::ZERO);
-            self.current[at] = false;
-            self.news.forget(at);
+            self.refused.remove(slot);
+            self.forget(*slot);
         }
-        self.are_sources_new |= !leaving.is_empty();
-        stats.added += kept.count_ones();
-        stats.weak_pivots += arrivals.len() as u32 - kept.count_ones();
+        stats.added += arrivals.len() as u32;
         stats.removed += leaving.len() as u32;
-        self.changed |= kept != 0 || !leaving.is_empty();
+        self.changed |= !updates.is_empty();
         Ok(())
+    }
+
+    /// The patch in `slot` has left, or never came.
+    fn forget(&mut self, slot: Slot) {
+        let at = slot.0 as usize;
+        Self::put(&mut self.own, at, Rgb::ZERO);
+        Self::put(&mut self.outside, at, Rgb::ZERO);
+        self.are_sources_new = true;
+        self.current[at] = false;
+        self.news.forget(at);
+    }
+
+    /// Notes whom the device has refused, as far as was told with the light that has arrived: none of theirs is told.
+    fn note_refused(&mut self) {
+        let Some((step, words)) = self.news.words().filter(|(step, _)| *step != self.heard) else { return };
+        let is_set = |slot: &u32| words[*slot as usize / 32] >> (slot % 32) & 1 == 1;
+        // Of another patch than the one that is there now, nothing is said.
+        let is_meant =
+            |slot: &u32| self.matrix.is_taken(Slot(*slot)) && self.news.is_of_patch_at(*slot as usize, step);
+        let found: Vec<u32> = (0..self.capacity()).filter(is_set).filter(is_meant).collect();
+        self.heard = step;
+        for slot in found {
+            self.news.forget(slot as usize);
+            self.refused.insert(Slot(slot));
+        }
+    }
+
+    /// Has the device probe the matrix with a random exitance.
+    fn begin_probe(&mut self, seed: u64) -> Result<(), BackendError> {
+        let rows = self.own.len() / 3;
+        let mut x = vec![0.0f32; 3 * rows];
+        for (at, x) in x.iter_mut().enumerate() {
+            let (channel, slot) = (at / rows, at % rows);
+            if self.matrix.is_taken(Slot(slot as u32)) {
+                *x = unit_f32(hash(seed, Purpose::Simulation, slot as u64, channel as u64));
+            }
+        }
+        self.are_sources_new = true;
+        self.matrix.probe(&x)
     }
 
     /// Whether anything leaves a slot when its own light and what arrives from outside are all there is.
@@ -165,6 +209,30 @@ impl Backend for GpuBackend {
 
     fn is_taken(&self, slot: Slot) -> bool {
         self.matrix.is_taken(slot)
+    }
+
+    fn take_refused(&mut self, refused: &mut Vec<Slot>) -> Result<(), BackendError> {
+        self.news.collect(self.matrix.device())?;
+        self.note_refused();
+        for slot in std::mem::take(&mut self.refused) {
+            self.matrix.forget(slot);
+            self.forget(slot);
+            refused.push(slot);
+        }
+        Ok(())
+    }
+
+    fn is_behind(&self) -> bool {
+        self.news.is_full()
+    }
+
+    fn clear(&mut self) -> Result<(), BackendError> {
+        let taken: Vec<Slot> = (0..self.capacity()).map(Slot).filter(|&slot| self.is_taken(slot)).collect();
+        self.matrix.clear()?;
+        self.refused.clear();
+        taken.into_iter().for_each(|slot| self.forget(slot));
+        self.changed = true;
+        Ok(())
     }
 
     fn set_sources(
@@ -218,7 +286,8 @@ impl Backend for GpuBackend {
             self.matrix.upload_sources(&self.own, &self.outside);
         }
         for slot in (0..slots).filter(|&slot| is(&wanted, slot as u32)) {
-            if self.matrix.is_taken(Slot(slot as u32)) {
+            let slot_of = Slot(slot as u32);
+            if self.matrix.is_taken(slot_of) && !self.refused.contains(&slot_of) {
                 self.news.know(slot);
             }
         }
@@ -238,6 +307,7 @@ impl Backend for GpuBackend {
             self.irradiance = self.matrix.irradiance()?;
             self.is_read = true;
             self.news.wait(self.matrix.device())?;
+            self.note_refused();
             self.matrix.end_frame()?;
         }
         for (slot, out) in slots.iter().zip(out) {
@@ -247,40 +317,42 @@ impl Backend for GpuBackend {
         Ok(())
     }
 
+    fn poll_irradiance(&mut self, slots: &[Slot], out: &mut [Rgb]) -> Result<bool, BackendError> {
+        slot_check::one_each(slots, out.len())?;
+        if !self.matrix.is_light_coming() {
+            slot_check::all_taken(slots, self.capacity(), |slot| self.is_taken(slot))?;
+            self.are_polled_known = slots.iter().map(|slot| self.news.is_known(slot.0 as usize)).collect();
+            self.matrix.send_for_light()?;
+        }
+        let Some(light) = self.matrix.light()? else { return Ok(false) };
+        for ((slot, out), &is_known) in slots.iter().zip(out).zip(&self.are_polled_known) {
+            *out = if is_known { Self::rgb(&light, slot.0 as usize) } else { Rgb::ZERO };
+        }
+        Ok(true)
+    }
+
     fn take_news(&mut self, news: &mut Vec<(Slot, Rgb)>) -> Result<(), BackendError> {
-        self.news.take(self.matrix.device(), news)
+        self.news.collect(self.matrix.device())?;
+        self.note_refused();
+        self.news.take_arrived(news);
+        Ok(())
     }
 
     fn is_settled(&self) -> bool {
-        !self.news.is_coming()
+        !self.news.is_coming() && self.refused.is_empty()
     }
 
-    /// Infinite if the device is lost. Waits for the device.
+    /// Infinite if the device is lost.
     fn drift(&mut self, seed: u64) -> f32 {
-        let rows = self.own.len() / 3;
-        let mut x = vec![0.0f32; 3 * rows];
-        for (at, x) in x.iter_mut().enumerate() {
-            let (channel, slot) = (at / rows, at % rows);
-            if self.matrix.is_taken(Slot(slot as u32)) {
-                *x = unit_f32(hash(seed, Purpose::Simulation, slot as u64, channel as u64));
-            }
+        let probed = self.begin_probe(seed).and_then(|()| self.matrix.probed(true));
+        probed.ok().flatten().map_or(f32::INFINITY, |probed| drift_of(&probed))
+    }
+
+    fn poll_drift(&mut self, seed: u64) -> Result<Option<f32>, BackendError> {
+        if !self.matrix.is_probing() {
+            self.begin_probe(seed)?;
         }
-        self.are_sources_new = true;
-        let Ok([arriving, gathered]) = self.matrix.probe(&x) else { return f32::INFINITY };
-        let square = |value: f64| value * value;
-        let pairs = || {
-            gathered
-                .iter()
-                .zip(&arriving)
-                .map(|(&gathered, &arriving)| (f64::from(gathered), f64::from(arriving)))
-        };
-        let gap: f64 = pairs().map(|(gathered, arriving)| square(gathered - arriving)).sum();
-        let norm: f64 = pairs().map(|(_, arriving)| square(arriving)).sum();
-        match (gap / norm).sqrt() {
-            _ if gap == 0.0 => 0.0,
-            drift if drift.is_finite() => drift as f32,
-            _ => f32::INFINITY,
-        }
+        Ok(self.matrix.probed(false)?.map(|probed| drift_of(&probed)))
     }
 
     fn repair(&mut self, columns_max: u32) -> Result<Repaired, BackendError> {
@@ -295,5 +367,18 @@ impl Backend for GpuBackend {
         self.matrix.resolve()?;
         self.changed = true;
         Ok(())
+    }
+}
+
+/// Of what arrives by `H` of a probe, and by `F` of what that makes leave.
+fn drift_of([arriving, gathered]: &[Vec<f32>; 2]) -> f32 {
+    let square = |value: f64| value * value;
+    let pairs = || gathered.iter().zip(arriving).map(|(&by_f, &by_h)| (f64::from(by_f), f64::from(by_h)));
+    let gap: f64 = pairs().map(|(by_f, by_h)| square(by_f - by_h)).sum();
+    let norm: f64 = pairs().map(|(_, by_h)| square(by_h)).sum();
+    match (gap / norm).sqrt() {
+        _ if gap == 0.0 => 0.0,
+        drift if drift.is_finite() => drift as f32,
+        _ => f32::INFINITY,
     }
 }

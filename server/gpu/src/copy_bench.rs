@@ -33,6 +33,6 @@ impl CopyBench {
             encoder.copy_buffer_to_buffer(a, 0, b, 0, self.bytes);
             encoder.copy_buffer_to_buffer(b, 0, a, 0, self.bytes);
         }
-        self.device.wait(self.device.queue().submit([encoder.finish()]))
+        self.device.wait("copy", self.device.queue().submit([encoder.finish()]))
     }
 }

@@ -47,6 +47,8 @@ struct Inner {
     subgroup_lanes: Option<u32>,
     pass_totals: Mutex<BTreeMap<&'static str, PassTotal>>,
     news_totals: Mutex<NewsTotals>,
+    /// How often the host waited, by what for.
+    waits: Mutex<BTreeMap<&'static str, u64>>,
     /// Bytes that the columns of rows take, of all who gather.
     row_bytes: Mutex<u64>,
     /// Work that was said to be left to the CPU.
@@ -126,6 +128,7 @@ impl GpuDevice {
                 subgroup_lanes,
                 pass_totals: Mutex::default(),
                 news_totals: Mutex::default(),
+                waits: Mutex::default(),
                 row_bytes: Mutex::default(),
                 said: Mutex::default(),
             };
@@ -212,6 +215,13 @@ impl GpuDevice {
         totals.waits += more.waits;
     }
 
+    /// How often somebody has waited for the device, by what for. Opening it, reading light or drift at once, changes of
+    /// the method and measurements wait; a tick does not.
+    #[must_use]
+    pub fn waits(&self) -> BTreeMap<&'static str, u64> {
+        self.inner.waits.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
     /// Says in the log that `work` is left to the CPU, once however many on this device leave it.
     pub fn warn_once(&self, work: &'static str, error: &dyn std::fmt::Display) {
         if self.inner.said.lock().unwrap_or_else(PoisonError::into_inner).insert(work) {
@@ -281,11 +291,13 @@ impl GpuDevice {
         }
     }
 
-    /// Waits until `submission` is done, and for the callbacks of maps that it leads to.
+    /// Waits until `submission` is done, and for the callbacks of maps that it leads to. The only place that waits for a
+    /// device; `what` for is counted.
     ///
     /// # Errors
     /// [`BackendError::DeviceLost`].
-    pub(crate) fn wait(&self, submission: SubmissionIndex) -> Result<(), BackendError> {
+    pub(crate) fn wait(&self, what: &'static str, submission: SubmissionIndex) -> Result<(), BackendError> {
+        *self.inner.waits.lock().unwrap_or_else(PoisonError::into_inner).entry(what).or_default() += 1;
         let wait = PollType::Wait { submission_index: Some(submission), timeout: None };
         if let Err(error) = self.inner.device.poll(wait) {
             self.inner.loss.note(error.to_string());

@@ -76,7 +76,7 @@ impl GpuLight {
     /// [`BackendError::DeviceLost`], also if it was given before.
     pub fn wait(mut self) -> Result<Vec<Rgb>, BackendError> {
         if let Some(submission) = self.submission.take() {
-            self.device.wait(submission)?;
+            self.device.wait("direct light", submission)?;
         }
         match self.look() {
             LightLook::Done(on_points) => Ok(on_points),

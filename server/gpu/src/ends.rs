@@ -149,16 +149,25 @@ impl GpuEnds {
         recorder.dispatch(&COUNT_ENDS, &bound, pass, folded(runs.len() as u32));
         recorder.submit()?;
         let bytes = size_of_val(runs) / size_of::<EndRun>() * size_of::<EndSpan>();
-        let spans: Vec<EndSpan> =
-            bytemuck::pod_collect_to_vec(&read_now(&self.device, &self.part_spans, bytes as u64, |_| {})?);
+        let spans: Vec<EndSpan> = bytemuck::pod_collect_to_vec(&read_now(
+            &self.device,
+            "ends",
+            &self.part_spans,
+            bytes as u64,
+            |_| {},
+        )?);
         let total: usize = spans.iter().map(|span| span.part_count as usize).sum();
         let part_bytes = total * size_of::<EndPart>();
         counted.read_bytes += (bytes + part_bytes) as u64;
         let parts: Vec<EndPart> = match part_bytes {
             0 => Vec::new(),
-            _ => {
-                bytemuck::pod_collect_to_vec(&read_now(&self.device, &self.parts, part_bytes as u64, |_| {})?)
-            }
+            _ => bytemuck::pod_collect_to_vec(&read_now(
+                &self.device,
+                "ends",
+                &self.parts,
+                part_bytes as u64,
+                |_| {},
+            )?),
         };
         let of = |span: &EndSpan| {
             parts[span.first_part as usize..(span.first_part + span.part_count) as usize].to_vec()

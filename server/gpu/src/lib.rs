@@ -6,9 +6,10 @@
 //! ```text
 //! adapter ──open──▶ GpuDevice (queue, pipelines) ──▶ GpuBackend ... one for each level of each session
 //!
-//! apply:  scatter rows ▶ gather G x rows ▶ combine ▶ return_light ──204 KiB──▶ host: 32 x 32 in f64
-//!         times_small ▶ rank_update (three planes) ▶ write_columns (four planes) ◀──36 KiB───┘
-//! step:   emit_exitance ▶ multiply_tiles (three planes) ▶ sum_tiles ▶ news ┄┄16 bytes a slot that changed┄┄▶ host, not waited for
+//! apply:  scatter rows ▶ gather G x rows ▶ combine ▶ return_light ▶ solve_block (32 x 32, who is refused)
+//!         ▶ times_small ▶ rank_update (three planes) ▶ write_columns (four planes)
+//! step:   emit_exitance ▶ multiply_tiles (three planes) ▶ sum_tiles
+//!         ▶ news ┄┄16 bytes a slot that changed, a bit a slot: its patch was refused┄┄▶ host, not waited for
 //! ```
 //!
 //! Four planes are held, each the lower triangle of a symmetric matrix in tiles as on the CPU: `G = A H` of three
@@ -17,6 +18,9 @@
 //!
 //! No kernel uses float atomics and every sum has one order: the same calls give the same bits on the same device and
 //! driver. Other devices round differently.
+//!
+//! A tick waits for nothing: whatever comes back is copied while later work runs, and taken when it is here. Where somebody
+//! does wait, to open a device, to begin a method, to measure, it is counted ([`GpuDevice::waits`]).
 //!
 //! Start at [`adapter`], then [`GpuBackend`]; `matrix` holds the passes, `recorder` how one is run. [`news`] is what comes
 //! back of a step's light. [`rows`] advances light over sparse rows, by any method but the matrix; [`alias`] builds tables

@@ -32,9 +32,9 @@ pub fn device_bytes(slots: u32) -> u64 {
     // The exchange of a block, three channels of its columns before, after and between, the sections of a gather, the
     // entries of its rows.
     let blocks = columns * (1 + 3 * 3 + 3 * u64::from(SECTIONS) + 2);
-    let vectors = rows * (16 + 6 * 12);
+    let vectors = rows * (2 * 16 + 6 * 12);
     let lists = stripes(slots) * (stripes(slots) + 1) * 2 + stripes(slots) * 20;
-    let small = u64::from(BLOCK).pow(2) * 4 * (9 + 3 + 3 * u64::from(RETURN_BANDS));
+    let small = u64::from(BLOCK).pow(2) * 4 * (9 + 3 + 3 * u64::from(RETURN_BANDS)) + rows / 8;
     let news = FLIGHTS_MAX as u64 * news::list_bytes(slots) + 5 * u64::from(slots);
     PLANES * plane_bytes(slots) + tile_sums_bytes(slots) + blocks + vectors + lists + small + news
 }

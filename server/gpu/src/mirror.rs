@@ -93,7 +93,7 @@ mod tests {
             mirror.bring(&device, list).expect("a device that works");
             assert_eq!(mirror.uploaded, 4 * uploaded as u64);
             if !list.is_empty() {
-                let bytes = read_now(&device, mirror.buffer(), 4 * list.len() as u64, |_| {});
+                let bytes = read_now(&device, "test", mirror.buffer(), 4 * list.len() as u64, |_| {});
                 let found: Vec<u32> = bytemuck::pod_collect_to_vec(&bytes.expect("a device that works"));
                 assert_eq!(found, list);
             }

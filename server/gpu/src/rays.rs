@@ -116,7 +116,7 @@ impl GpuRays {
         for queries in queries.chunks(self.rays_max) {
             self.trace(queries)?;
             let bytes = size_of_val(queries) / size_of::<RayQuery>() * size_of::<RayHit>();
-            let read = read_now(&self.device, &self.hits, bytes as u64, |_| {})?;
+            let read = read_now(&self.device, "rays", &self.hits, bytes as u64, |_| {})?;
             hits.extend(bytemuck::pod_collect_to_vec::<u8, RayHit>(&read));
         }
         Ok(hits)
@@ -128,7 +128,7 @@ impl GpuRays {
     /// [`BackendError::DeviceLost`].
     pub fn again(&mut self, count: usize) -> Result<(), BackendError> {
         self.dispatch(count.min(self.rays_max))?;
-        self.device.wait(self.device.queue().submit([]))
+        self.device.wait("finish", self.device.queue().submit([]))
     }
 
     /// Traces at most as many rays as one dispatch takes; what they hit stays on the device.

@@ -76,12 +76,14 @@ impl Staging {
     }
 }
 
-/// Records `work`, then copies the first `bytes` bytes of `source`, submits, waits and returns them.
+/// Records `work`, then copies the first `bytes` bytes of `source`, submits, waits and returns them. `what` is waited for is
+/// counted ([`GpuDevice::waits`]).
 ///
 /// # Errors
 /// [`BackendError::DeviceLost`], [`BackendError::OutOfMemory`].
 pub(crate) fn read_now(
     device: &GpuDevice,
+    what: &'static str,
     source: &Buffer,
     bytes: u64,
     work: impl FnOnce(&mut CommandEncoder),
@@ -92,7 +94,7 @@ pub(crate) fn read_now(
     encoder.copy_buffer_to_buffer(source, 0, &staging.buffer, 0, bytes);
     let submission = device.queue().submit([encoder.finish()]);
     staging.map(bytes);
-    device.wait(submission)?;
+    device.wait(what, submission)?;
     let mut out = Vec::new();
     staging.take(device, bytes, |view| out.extend_from_slice(view))?;
     Ok(out)
@@ -150,17 +152,81 @@ impl Readback {
         Ok(!self.pending.as_ref().is_some_and(coming))
     }
 
-    /// Hands the newest copy to `read` if it was not fetched yet; waits for it if it is still on its way.
+    /// Hands the newest copy to `read` if it was not fetched yet; waits for `what` if it is still on its way.
     ///
     /// # Errors
     /// [`BackendError::DeviceLost`].
-    pub(crate) fn fetch(&mut self, device: &GpuDevice, read: impl FnOnce(&[u8])) -> Result<(), BackendError> {
+    pub(crate) fn fetch(
+        &mut self,
+        device: &GpuDevice,
+        what: &'static str,
+        read: impl FnOnce(&[u8]),
+    ) -> Result<(), BackendError> {
         match self.pending.take() {
             None => device.check(),
             Some((at, submission)) => {
-                device.wait(submission)?;
+                if self.staging[at].arrival() == Arrival::Coming {
+                    device.wait(what, submission)?;
+                }
                 self.staging[at].take(device, self.bytes, read)
             }
         }
+    }
+}
+
+/// A copy that somebody asks for now and then: on its way, or none.
+#[derive(Debug, Default)]
+pub(crate) struct Later {
+    coming: Option<(Staging, u64, SubmissionIndex)>,
+}
+
+impl Later {
+    /// Whether a copy is on its way, or here and not taken.
+    pub(crate) fn is_coming(&self) -> bool {
+        self.coming.is_some()
+    }
+
+    /// Sends for whole buffers, one after the other, as they are after all that was submitted; a copy that is on its way is
+    /// forgotten.
+    ///
+    /// # Errors
+    /// [`BackendError::OutOfMemory`], [`BackendError::DeviceLost`].
+    pub(crate) fn send_for(&mut self, device: &GpuDevice, sources: &[&Buffer]) -> Result<(), BackendError> {
+        self.coming = None;
+        let bytes = sources.iter().map(|source| source.size()).sum();
+        let staging = Staging::new(device, bytes)?;
+        let mut encoder = device.wgpu().create_command_encoder(&Default::default());
+        let mut at = 0;
+        for source in sources {
+            encoder.copy_buffer_to_buffer(source, 0, &staging.buffer, at, source.size());
+            at += source.size();
+        }
+        let submission = device.queue().submit([encoder.finish()]);
+        staging.map(bytes);
+        self.coming = Some((staging, bytes, submission));
+        Ok(())
+    }
+
+    /// The copy, once; nothing if none was sent for, or as long as it is on its way, unless it is `waited_for`.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`]: no copy is on its way then.
+    pub(crate) fn take(
+        &mut self,
+        device: &GpuDevice,
+        waited_for: Option<&'static str>,
+    ) -> Result<Option<Vec<u8>>, BackendError> {
+        let Some((staging, bytes, submission)) = self.coming.take() else { return Ok(None) };
+        match waited_for {
+            Some(what) => device.wait(what, submission.clone())?,
+            None => device.poll()?,
+        }
+        if staging.arrival() == Arrival::Coming {
+            self.coming = Some((staging, bytes, submission));
+            return Ok(None);
+        }
+        let mut out = Vec::new();
+        staging.take(device, bytes, |view| out.extend_from_slice(view))?;
+        Ok(Some(out))
     }
 }

@@ -305,7 +305,7 @@ impl GpuReceivers {
     fn read(&mut self, rows: usize) -> Result<Vec<ReceiverSums>, ReceiversError> {
         let mut sums = Vec::new();
         if rows > 0 {
-            self.room.readback.fetch(&self.device, |bytes| {
+            self.room.readback.fetch(&self.device, "receivers", |bytes| {
                 let bytes = &bytes[..rows * size_of::<GatheredLight>()];
                 sums = bytemuck::pod_collect_to_vec::<u8, GatheredLight>(bytes).iter().map(sums_of).collect();
             })?;

@@ -92,6 +92,11 @@ impl<'a> Recorder<'a> {
         self.encoder.clear_buffer(buffer, 0, None);
     }
 
+    /// Copies `bytes` bytes.
+    pub(crate) fn copy(&mut self, from: &Buffer, from_at: u64, to: &Buffer, to_at: u64, bytes: u64) {
+        self.encoder.copy_buffer_to_buffer(from, from_at, to, to_at, bytes);
+    }
+
     pub(crate) fn encoder(&mut self) -> &mut CommandEncoder {
         &mut self.encoder
     }

@@ -33,7 +33,8 @@ pub(crate) fn are_in_order(device: &GpuDevice, lanes: u32) -> Result<bool, Backe
     let mut recorder = Recorder::new(device, &uniforms, None);
     recorder.dispatch(&NUMBER_LANES, &[&found], Pass::default(), [GROUPS, 1, 1]);
     recorder.submit()?;
-    let words: Vec<[u32; 4]> = bytemuck::pod_collect_to_vec(&read_now(device, &found, bytes, |_| {})?);
+    let words: Vec<[u32; 4]> =
+        bytemuck::pod_collect_to_vec(&read_now(device, "subgroups", &found, bytes, |_| {})?);
     Ok((0..).zip(&words).all(|(at, found)| is_as_expected(at % LANES, *found, lanes)))
 }
 

@@ -142,7 +142,7 @@ impl Timing {
         if bytes == 0 {
             return Ok(Vec::new());
         }
-        let read = read_now(device, &self.resolved, bytes, |encoder| self.resolve(encoder))?;
+        let read = read_now(device, "pass times", &self.resolved, bytes, |encoder| self.resolve(encoder))?;
         Ok(self.passes_of(&read))
     }
 

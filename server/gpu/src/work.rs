@@ -125,6 +125,10 @@ fn matrix_work(kernel: &Kernel, pass: &Pass, items: f64) -> Option<Work> {
             let returned = 3.0 * f64::from(RETURN_BANDS) * WIDTH * WIDTH;
             known(NUMBER * (4.0 * columns + returned) + slots * LIGHT, 3.0 * columns * 2.0 * WIDTH)
         }
+        "solve_block" => {
+            let numbers = f64::from(RETURN_BANDS) + 2.0 + 3.0;
+            known(3.0 * NUMBER * numbers * WIDTH * WIDTH, 3.0 * 6.0 * WIDTH * WIDTH * WIDTH)
+        }
         "times_small" => known(3.0 * columns * 3.0 * NUMBER, 3.0 * columns * 4.0 * WIDTH),
         "rank_update" => known(NUMBER * (2.0 * tiles * TILE + 2.0 * columns), 2.0 * WIDTH * TILE * tiles),
         "write_columns" | "copy_columns" => known(2.0 * NUMBER * entries * slots * part, 0.0),

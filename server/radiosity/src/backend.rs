@@ -1,7 +1,11 @@
 //! What the engine asks of whoever computes: the [`Backend`] trait and the plain data it speaks.
 //!
-//! Operation level, batched, synchronous, object-safe, no buffers in sight: the engine calls it a
-//! handful of times a tick, so a virtual call costs nothing.
+//! Operation level, batched, object-safe, no buffers in sight: the engine calls it a handful of times a tick, so a virtual
+//! call costs nothing.
+//!
+//! What is asked of a device takes a while to be known, and a tick waits for nothing. So light, refusals, drift and audits
+//! are **told**: at once by who knows at once, as the CPU does, or in a later tick. Calls that wait, for those who need to
+//! know now, are [`read_irradiance`](Backend::read_irradiance) and [`drift`](Backend::drift).
 
 use crate::slot_check;
 use crate::solver::{SettingsError, SolverSettings};
@@ -39,11 +43,11 @@ pub enum Update {
 /// What became of a batch of updates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ApplyStats {
-    /// Patches that entered.
+    /// Patches that entered; with those of whom it is not known yet whether they did ([`Backend::take_refused`]).
     pub added: u32,
     /// Patches that left.
     pub removed: u32,
-    /// Patches refused because their pivot `1 - c s` lay below [`MIN_PIVOT`]: their slots stay free.
+    /// Patches refused at once because their pivot `1 - c s` lay below [`MIN_PIVOT`]: their slots stay free.
     pub weak_pivots: u32,
 }
 
@@ -86,14 +90,35 @@ pub trait Backend: Send {
 
     /// Adds and removes patches, in order; exact, O(M^2) each, cheaper in blocks.
     ///
+    /// A patch whose pivot is weak is refused, as if it had not come: its slot is free when this returns, or it looks taken
+    /// until [`take_refused`](Self::take_refused) says otherwise. Nothing is ever told of its light.
+    ///
     /// # Errors
     /// [`BackendError::SlotTaken`], [`BackendError::SlotFree`], [`BackendError::SlotOutside`],
     /// [`BackendError::Share`], [`BackendError::RowSum`], [`BackendError::Area`], [`BackendError::NotFinite`],
     /// [`BackendError::NotReciprocal`]: after an error nothing of the batch has been applied.
     fn apply(&mut self, updates: &[Update]) -> Result<ApplyStats, BackendError>;
 
-    /// Whether a patch holds `slot`.
+    /// Whether a patch holds `slot`, as far as was told.
     fn is_taken(&self, slot: Slot) -> bool;
+
+    /// Appends to `refused` the slots whose patch turned out to have a weak pivot; they are free from now on. Of a patch
+    /// that was removed meanwhile, or whose slot has another patch, nothing is said. Does not wait: who refuses somebody
+    /// late tells it after the [`step`](Self::step) that follows, with or before the light of that step. The default is
+    /// for those who refuse at once.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`]: `refused` is as it was.
+    fn take_refused(&mut self, refused: &mut Vec<Slot>) -> Result<(), BackendError> {
+        let _ = refused;
+        Ok(())
+    }
+
+    /// Whether so much of what was asked is under way that another [`step`](Self::step) would wait, and updates would pile
+    /// up: better to ask again in the next tick. Never on the CPU.
+    fn is_behind(&self) -> bool {
+        false
+    }
 
     /// Removes all patches. The default does so one by one; whoever can forgets them at once.
     ///
@@ -174,6 +199,16 @@ pub trait Backend: Send {
     /// [`BackendError::Length`] if the slices differ in length; [`BackendError::SlotFree`].
     fn read_irradiance(&mut self, slots: &[Slot], out: &mut [Rgb]) -> Result<(), BackendError>;
 
+    /// As [`read_irradiance`](Self::read_irradiance), of the last step before the first call, but does not wait: false as
+    /// long as the light is not here, and `out` is as it was; who asks again then asks for the same slots. The default reads
+    /// at once.
+    ///
+    /// # Errors
+    /// As [`read_irradiance`](Self::read_irradiance): nothing is under way then.
+    fn poll_irradiance(&mut self, slots: &[Slot], out: &mut [Rgb]) -> Result<bool, BackendError> {
+        self.read_irradiance(slots, out).map(|()| true)
+    }
+
     /// Appends to `news` the slots, all taken, whose irradiance (lx) is another than what this method said of them last, and
     /// that irradiance. A patch that has come since is news once a step has evaluated it, even if it is dark. A slot may be
     /// there twice: the later entry counts.
@@ -229,8 +264,9 @@ pub trait Backend: Send {
         Ok(false)
     }
 
-    /// Relative RMSE of the light as it is against the matrix' for the same sources; nothing where the light is the
-    /// matrix' own, where there is none, or as long as it is being made.
+    /// Relative RMSE of the light against the matrix' for the same sources, both as they were when the audit began; nothing
+    /// where the light is the matrix' own, where there is none, as long as it is being made, or while the answer is on its
+    /// way: then [`is_audit_coming`](Self::is_audit_coming), and the next call tells it or looks again.
     ///
     /// # Errors
     /// As [`step`](Self::step).
@@ -238,9 +274,23 @@ pub trait Backend: Send {
         Ok(None)
     }
 
+    /// Whether an [`audit`](Self::audit) was begun and has not been told. Never on the CPU.
+    fn is_audit_coming(&self) -> bool {
+        false
+    }
+
     /// Relative size of `x -> H x - F (x + R H x)` for a random `x` of `seed`: how far rounding has
-    /// carried `H` from the matrix it stands for. O(M^2).
+    /// carried `H` from the matrix it stands for. O(M^2). Waits where a device has to say.
     fn drift(&mut self, seed: u64) -> f32;
+
+    /// As [`drift`](Self::drift), of the matrix at the first call, but does not wait: nothing as long as it is not known.
+    /// Whoever asks again hears of the probe that is under way, whatever the seed. The default knows at once.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`], [`BackendError::OutOfMemory`]: no probe is under way then.
+    fn poll_drift(&mut self, seed: u64) -> Result<Option<f32>, BackendError> {
+        Ok(Some(self.drift(seed)))
+    }
 
     /// Brings `H` back towards the matrix it stands for, a few columns a call: bounded work for the frame path. A round
     /// of calls, until [`Repaired::is_complete`], about squares a drift below 0.1, down to rounding; for more there is

@@ -23,6 +23,7 @@ struct Pass {
     voxel_edge_m: f32,      // 80
     off_surface_m: f32,     // 84  how far before a side the voxel of a ray's end is looked up
     voxel_slots: u32,       // 88  of the table of voxels: a power of two
-}                           // 92
+    pivot_min: f32,         // 92  a patch whose pivot is below it does not enter
+}                           // 96
 
 @group(0) @binding(0) var<uniform> pass_of: Pass;

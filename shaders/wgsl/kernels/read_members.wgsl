@@ -1,5 +1,5 @@
-// Copies what a block's members exchange among themselves out of the bound part of one plane: the 32 x 32 numbers that the
-// host solves for. One thread a pair. CPU twin: the loop of `radiosity::local_matrix::LocalMatrix::correction`.
+// Copies what a block's members exchange among themselves out of the bound part of one plane: the 32 x 32 numbers that
+// `solve_block` solves for. One thread a pair. CPU twin: the loop of `radiosity::local_matrix::LocalMatrix::correction`.
 
 @group(0) @binding(1) var<storage, read> plane: array<f32>;
 @group(0) @binding(2) var<storage, read> members: array<Member>;

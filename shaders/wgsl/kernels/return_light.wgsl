@@ -1,5 +1,5 @@
 // returned[band][channel] = (scale * exchange)' * columns, 32 x 32: what comes back to the patches of a block, by bands of
-// rows that the host adds up in f64. One workgroup a band and channel. CPU twin: `radiosity::tile_kernel::BlockProduct`.
+// rows that `solve_block` adds up. One workgroup a band and channel. CPU twin: `radiosity::tile_kernel::BlockProduct`.
 
 @group(0) @binding(1) var<storage, read> exchange: array<f32>;
 @group(0) @binding(2) var<storage, read> columns: array<f32>;

@@ -1,4 +1,4 @@
-// finals = columns * N and update = columns * K for all channels, N and K the 32 x 32 matrices that the host solved for.
+// finals = columns * N and update = columns * K for all channels, N and K the 32 x 32 matrices of `solve_block`.
 // Rows of the block's own members are not sums: they are `among`. One thread a number.
 // CPU twin: `radiosity::local_matrix::workspace::times_small`.
 

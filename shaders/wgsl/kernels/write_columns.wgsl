@@ -1,5 +1,6 @@
 // Sets the rows and columns of a block's members in the bound part of one plane to what `finals` holds. One thread a row
-// and member. Two members name the same entry twice: the one in the higher slot writes it, so no two threads meet.
+// and member. Two members name the same entry twice: the one in the higher slot writes it, so no two threads meet. Who did
+// not enter writes nothing.
 // CPU twin: `radiosity::local_matrix::workspace::settle`.
 
 @group(0) @binding(1) var<storage, read_write> plane: array<f32>;
@@ -13,7 +14,7 @@ fn write_columns(
 ) {
     let slot = group.x * LANES + lane;
     let member = members[group.y];
-    if slot >= pass_of.stripe_count * TILE_EDGE {
+    if slot >= pass_of.stripe_count * TILE_EDGE || member.slot == NO_SLOT {
         return;
     }
     for (var other = 0u; other < pass_of.entry_count; other++) {

@@ -1,29 +1,124 @@
 //! What a backend refuses, and that a refusal leaves no trace.
 
 use super::{add, furnish, lit, read};
-use earthshine_radiosity::{ApplyStats, Backend, BackendError, Slot, Update};
+use earthshine_radiosity::closed_box::ClosedBox;
+use earthshine_radiosity::{Backend, BackendError, Slot, Update};
 use earthshine_world::Rgb;
+use std::time::{Duration, Instant};
+
+/// In which a device says what it knows.
+const WITHIN: Duration = Duration::from_secs(60);
+
+/// Applies updates and hears who was refused, at once or later.
+fn refused_of(backend: &mut dyn Backend, updates: &[Update]) -> Vec<Slot> {
+    let stats = backend.apply(updates).expect("within the contract");
+    let newcomers = || {
+        updates.iter().filter_map(|update| match update {
+            Update::Add { slot, .. } => Some(*slot),
+            Update::Remove { .. } => None,
+        })
+    };
+    let mut refused: Vec<Slot> = newcomers().filter(|&slot| !backend.is_taken(slot)).collect();
+    assert_eq!(
+        stats.weak_pivots as usize,
+        refused.len(),
+        "who is refused at once is counted, and has no slot"
+    );
+    assert_eq!((stats.added + stats.weak_pivots) as usize, newcomers().count());
+    hear_out(backend, &mut refused);
+    assert!(refused.iter().all(|&slot| !backend.is_taken(slot)), "{refused:?}");
+    refused.sort_unstable();
+    refused
+}
+
+/// Steps until there is nothing more to be told; nothing is told of who is refused.
+fn hear_out(backend: &mut dyn Backend, refused: &mut Vec<Slot>) {
+    let (start, mut news) = (Instant::now(), Vec::new());
+    loop {
+        backend.step().expect("a device that works");
+        backend.take_news(&mut news).expect("a device that works");
+        backend.take_refused(refused).expect("a device that works");
+        if backend.is_settled() {
+            break;
+        }
+        assert!(start.elapsed() < WITHIN, "light does not come to rest");
+        std::thread::yield_now();
+    }
+    assert!(news.iter().all(|(slot, _)| !refused.contains(slot)), "light of {refused:?}: {news:?}");
+}
 
 /// A mirror that sees only itself would amplify without end: it gets no slot, and the slot stays usable.
 pub(super) fn a_loop_without_loss_is_refused_and_counted(backend: &mut dyn Backend) {
-    let mirror = add(0, 0.98, vec![(Slot(0), 1.0)], vec![]);
-    let stats = backend.apply(&[mirror]).expect("within the contract");
-    assert_eq!(stats, ApplyStats { weak_pivots: 1, ..ApplyStats::default() });
-    assert!(!backend.is_taken(Slot(0)));
-    let stats = backend.apply(&[add(0, 0.5, vec![], vec![])]).expect("a free slot");
-    assert_eq!(stats, ApplyStats { added: 1, ..ApplyStats::default() });
+    let mirror = |slot: u32| add(slot, 0.98, vec![(Slot(slot), 1.0)], vec![]);
+    assert_eq!(refused_of(backend, &[mirror(0)]), [Slot(0)]);
+    assert_eq!(refused_of(backend, &[add(0, 0.5, vec![], vec![])]), []);
     assert!(backend.is_taken(Slot(0)));
     // Whoever named a refused patch of the same batch sees nothing there, nor does the next one in that slot.
     if backend.capacity() > 2 {
-        let mirror = add(1, 0.98, vec![(Slot(1), 1.0)], vec![]);
         let names_it = add(2, 0.5, vec![(Slot(1), 0.5)], vec![(Slot(1), 0.5)]);
-        let stats = backend.apply(&[mirror, names_it]).expect("within the contract");
-        assert_eq!(stats, ApplyStats { added: 1, weak_pivots: 1, removed: 0 });
-        backend.apply(&[add(1, 0.5, vec![], vec![])]).expect("a free slot");
+        assert_eq!(refused_of(backend, &[mirror(1), names_it]), [Slot(1)]);
+        assert_eq!(refused_of(backend, &[add(1, 0.5, vec![], vec![])]), []);
         let slots = [Slot(0), Slot(1), Slot(2)];
         let arriving = [Rgb::ONE; 3];
         assert_eq!(lit(backend, &slots, &arriving, &arriving), arriving, "nobody sees anybody");
     }
+    // Who takes the place of one that was refused, told or not, is not hit by that.
+    let remove = Update::Remove { slot: Slot(0) };
+    let plain = || add(0, 0.5, vec![], vec![]);
+    assert_eq!(refused_of(backend, &[remove.clone(), mirror(0), remove.clone(), plain()]), []);
+    backend.apply(&[remove.clone(), mirror(0)]).expect("within the contract");
+    backend.step().expect("a device that works");
+    let takes_over = if backend.is_taken(Slot(0)) { vec![remove, plain()] } else { vec![plain()] };
+    assert_eq!(refused_of(backend, &takes_over), []);
+    assert_eq!(lit(backend, &[Slot(0)], &[Rgb::ONE], &[Rgb::ONE]), [Rgb::ONE]);
+}
+
+/// Goal: who is refused in the middle of a block, or names somebody who was, is as if that one had not come. Method: a closed
+/// room that fills the backend but for every fifth slot; there mirrors come that everybody sees. The light is that of the room
+/// without them, also after more patches were swapped that name them before anybody is told.
+pub(super) fn who_is_refused_in_a_block_leaves_no_trace(backend: &mut dyn Backend) {
+    let size = backend.capacity();
+    let room = ClosedBox::new(size as usize, 11);
+    let is_mirror = |slot: u32| slot % 5 == 4;
+    let enter = |i: u32, is_there: &dyn Fn(u32) -> bool| {
+        let (area, factor) =
+            (room.area(i as usize), |a: u32, b: u32| room.form_factor(a as usize, b as usize));
+        // What a mirror sees of itself leaves little for others.
+        let share = |a: u32, b: u32| factor(a, b) * if is_mirror(a) || is_mirror(b) { 1e-3 } else { 1.0 };
+        let others = || (0..size).filter(|&j| j != i && is_there(j));
+        let own = is_mirror(i).then_some((Slot(i), 0.99));
+        let row = others().map(|j| (Slot(j), share(i, j))).chain(own).collect();
+        let column = others().map(|j| (Slot(j), share(j, i))).collect();
+        let reflectance = Rgb::splat(if is_mirror(i) { 0.98 } else { 0.6 });
+        Update::Add { slot: Slot(i), reflectance, area, row, column }
+    };
+    let everybody: Vec<Update> = (0..size).map(|i| enter(i, &|j| j < i)).collect();
+    let mirrors: Vec<Slot> = (0..size).filter(|&slot| is_mirror(slot)).map(Slot).collect();
+    let slots: Vec<Slot> = (0..size).filter(|&slot| !is_mirror(slot)).map(Slot).collect();
+    let sources: Vec<Rgb> = slots.iter().map(|slot| Rgb::new(1.0 + slot.0 as f32, 2.0, 0.5)).collect();
+    // The same patches, and nobody who is refused.
+    let alone: Vec<Update> =
+        slots.iter().map(|slot| enter(slot.0, &|j| j < slot.0 && !is_mirror(j))).collect();
+    assert_eq!(refused_of(backend, &alone), []);
+    let expected = lit(backend, &slots, &sources, &sources);
+    backend.clear().expect("a device that works");
+
+    backend.apply(&everybody).expect("within the contract");
+    let again = slots[0].0;
+    let there: Vec<bool> = (0..size).map(|slot| backend.is_taken(Slot(slot))).collect();
+    let come_again = [Update::Remove { slot: Slot(again) }, enter(again, &|j| there[j as usize])];
+    backend.apply(&come_again).expect("within the contract");
+    let found = lit(backend, &slots, &sources, &sources);
+    for (slot, (found, expected)) in slots.iter().zip(found.iter().zip(&expected)) {
+        let gap = (*found - *expected).abs().max_element();
+        assert!(gap <= 1e-5 * expected.max_element(), "{slot:?}: {found} for {expected}");
+    }
+    let mut refused: Vec<Slot> = mirrors.iter().copied().filter(|&slot| !backend.is_taken(slot)).collect();
+    hear_out(backend, &mut refused);
+    refused.sort_unstable();
+    assert_eq!(refused, mirrors);
+    assert!((0..size).all(|slot| backend.is_taken(Slot(slot)) != is_mirror(slot)));
+    assert!(backend.drift(1) < 1e-5, "{}", backend.drift(1));
 }
 
 /// Good updates followed by each kind of bad one: light and slots stay the same to the bit.

@@ -21,6 +21,8 @@ pub(crate) struct Faults {
     pub(crate) capacity_max: Option<u32>,
     /// How many ticks later than its step light is told.
     pub(crate) late_ticks: u64,
+    /// Whether weak pivots are found out by the step, and told with its light; drift is told so late, too.
+    pub(crate) decides_late: bool,
 }
 
 #[derive(Debug, Clone)]
@@ -32,6 +34,8 @@ struct Row {
     exitance: Rgb,
     outside: Rgb,
     light: Rgb,
+    /// For a weak pivot: nobody has been told yet.
+    is_refused: bool,
 }
 
 /// A slot, the number of the patch in it, its light.
@@ -47,8 +51,11 @@ pub(crate) struct GatherBackend {
     /// Patches so far, and how often news was asked for.
     patches: u64,
     asked: u64,
-    /// When it arrives, and what.
+    /// When it arrives, and what: light, and who is refused.
     on_its_way: VecDeque<(u64, Vec<PatchLight>)>,
+    refusals: VecDeque<(u64, Vec<(Slot, u64)>)>,
+    /// How often somebody has looked for a probe that is not told yet.
+    looks: u64,
 }
 
 impl GatherBackend {
@@ -62,6 +69,8 @@ impl GatherBackend {
             patches: 0,
             asked: 0,
             on_its_way: VecDeque::new(),
+            refusals: VecDeque::new(),
+            looks: 0,
         }
     }
 
@@ -99,24 +108,35 @@ impl GatherBackend {
                         return Err(BackendError::Share(other, share));
                     }
                 }
-                if self.is_weak(*reflectance) {
+                let is_refused = self.is_weak(*reflectance);
+                if is_refused && !self.faults.decides_late {
                     stats.weak_pivots += 1;
                     return Ok(());
                 }
-                let known = |other: &Slot| other == slot || self.slots[other.0 as usize].is_some();
+                let known = |other: &Slot| {
+                    let other_row = &self.slots[other.0 as usize];
+                    !is_refused && (other == slot || other_row.as_ref().is_some_and(|row| !row.is_refused))
+                };
                 let shares =
                     row.iter().filter(|(other, _)| known(other)).map(|&(other, share)| (other.0, share));
                 let shares = shares.collect();
                 for &(other, share) in column {
-                    if let Some(other) = &mut self.slots[other.0 as usize] {
+                    if let Some(other) = self.slots[other.0 as usize].as_mut().filter(|_| !is_refused) {
                         assert!(other.shares.insert(slot.0, share).is_none(), "a column entry is told once");
                     }
                 }
                 let (exitance, outside, light) = (Rgb::ZERO, Rgb::ZERO, Rgb::ZERO);
                 self.patches += 1;
                 let number = self.patches;
-                self.slots[slot.0 as usize] =
-                    Some(Row { number, reflectance: *reflectance, shares, exitance, outside, light });
+                self.slots[slot.0 as usize] = Some(Row {
+                    number,
+                    reflectance: *reflectance,
+                    shares,
+                    exitance,
+                    outside,
+                    light,
+                    is_refused,
+                });
                 stats.added += 1;
             }
         }
@@ -202,8 +222,16 @@ impl Backend for GatherBackend {
         if recomputed {
             self.solve();
             let lit = |(slot, row): (u32, &Option<Row>)| {
-                Some((Slot(slot), row.as_ref()?.number, row.as_ref()?.light))
+                let row = row.as_ref().filter(|row| !row.is_refused)?;
+                Some((Slot(slot), row.number, row.light))
             };
+            let refused = |(slot, row): (u32, &Option<Row>)| {
+                Some((Slot(slot), row.as_ref().filter(|row| row.is_refused)?.number))
+            };
+            let refused: Vec<_> = (0..).zip(&self.slots).filter_map(refused).collect();
+            if !refused.is_empty() {
+                self.refusals.push_back((self.asked + self.faults.late_ticks, refused));
+            }
             let light = (0..).zip(&self.slots).filter_map(lit).collect();
             self.on_its_way.push_back((self.asked + self.faults.late_ticks, light));
         }
@@ -231,8 +259,28 @@ impl Backend for GatherBackend {
         Ok(())
     }
 
+    fn take_refused(&mut self, refused: &mut Vec<Slot>) -> Result<(), BackendError> {
+        while self.refusals.front().is_some_and(|&(due, _)| due <= self.asked) {
+            for (slot, number) in self.refusals.pop_front().unwrap().1 {
+                if self.slots[slot.0 as usize].take_if(|row| row.number == number).is_some() {
+                    refused.push(slot);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn poll_drift(&mut self, seed: u64) -> Result<Option<f32>, BackendError> {
+        if self.faults.decides_late && self.looks <= self.faults.late_ticks {
+            self.looks += 1;
+            return Ok(None);
+        }
+        self.looks = 0;
+        Ok(Some(self.drift(seed)))
+    }
+
     fn is_settled(&self) -> bool {
-        self.on_its_way.is_empty()
+        self.on_its_way.is_empty() && self.refusals.is_empty()
     }
 
     fn drift(&mut self, _seed: u64) -> f32 {

@@ -4,6 +4,7 @@ mod air;
 mod asked_light;
 mod backend;
 mod budgets;
+mod decided_late;
 mod detail;
 mod far;
 mod faults;

@@ -1,16 +1,15 @@
 //! Passes that adds, removals and repairs share.
 
 use super::GpuMatrix;
-use super::buffers::{Buffers, SMALL_LEN};
+use super::buffers::Buffers;
 use crate::plane::Plane;
 use crate::recorder::Recorder;
-use earthshine_radiosity::BackendError;
-use earthshine_radiosity::local_matrix::capacitance::SmallMatrices;
 use earthshine_shaders::host::{Member, Pass};
 use earthshine_shaders::kernel::{
-    COMBINE_COLUMNS, COPY_COLUMNS, GATHER_COLUMNS, RANK_UPDATE, READ_MEMBERS, TIMES_SMALL, WRITE_COLUMNS,
+    COMBINE_COLUMNS, COPY_COLUMNS, GATHER_COLUMNS, RANK_UPDATE, READ_MEMBERS, SOLVE_BLOCK, TIMES_SMALL,
+    WRITE_COLUMNS,
 };
-use earthshine_shaders::limits::{BLOCK, LANES, RETURN_BANDS, SECTIONS, TILE_EDGE};
+use earthshine_shaders::limits::{BLOCK, LANES, SECTIONS, TILE_EDGE};
 use wgpu::Buffer;
 
 /// `X` among the planes.
@@ -127,6 +126,22 @@ impl Recorder<'_> {
         });
     }
 
+    /// Decides who of the block enters, and solves for what [`Self::close_loop`] needs; from here on the device has who
+    /// entered as residents, and who left not.
+    pub(super) fn solve_block(&mut self, buffers: &Buffers, pass: Pass) {
+        let bound = [
+            &buffers.returned,
+            &buffers.among,
+            &buffers.offered,
+            &buffers.residents,
+            &buffers.members,
+            &buffers.exchange,
+            &buffers.small,
+            &buffers.refused,
+        ];
+        self.dispatch(&SOLVE_BLOCK, &bound, pass, [1, 1, 1]);
+    }
+
     /// `G += columns * (columns * K)'` for three channels, then the members' rows and columns are set to
     /// `columns * N` and what `small` says they exchange among themselves.
     pub(super) fn close_loop(&mut self, buffers: &Buffers, pass: Pass) {
@@ -145,55 +160,10 @@ impl Recorder<'_> {
 }
 
 impl GpuMatrix {
-    /// Tells the device who the block is. `kept` leaves out who did not enter.
-    pub(super) fn upload_members(&self, slots: &[u32], kept: u32) -> u32 {
-        let members: Vec<Member> = (0..)
-            .zip(slots)
-            .filter(|(place, _)| kept >> place & 1 == 1)
-            .map(|(place, &slot)| Member { slot, place })
-            .collect();
+    /// Tells the device who the block is.
+    pub(super) fn upload_members(&self, slots: &[u32]) -> u32 {
+        let members: Vec<Member> = (0..).zip(slots).map(|(place, &slot)| Member { slot, place }).collect();
         self.upload(&self.buffers.members, &members);
         members.len() as u32
-    }
-
-    /// N, K and `among` of three channels, each padded to 32 x 32.
-    pub(super) fn upload_small(&self, matrices: [&SmallMatrices; 3], block: usize) {
-        let mut small = vec![0.0f32; 9 * SMALL_LEN];
-        for (at, out) in small.chunks_exact_mut(SMALL_LEN).enumerate() {
-            let rows = matrices[at % 3].plane(at / 3).chunks_exact(block.max(1));
-            for (out, row) in out.chunks_exact_mut(BLOCK as usize).zip(rows) {
-                for (out, &value) in out.iter_mut().zip(row) {
-                    *out = value as f32;
-                }
-            }
-        }
-        self.upload(&self.buffers.small, &small);
-    }
-
-    /// Fetches what the kernels returned for a block of `block` patches: `returned`, its bands added up, and `among`.
-    pub(super) fn fetch_block(&mut self, block: usize) -> Result<[SmallMatrices; 2], BackendError> {
-        let (mut returned, mut among) = (SmallMatrices::zero(block), SmallMatrices::zero(block));
-        let width = BLOCK as usize;
-        let device = self.device.clone();
-        self.block_readback.fetch(&device, |bytes| {
-            let numbers: Vec<f32> = bytemuck::pod_collect_to_vec(bytes);
-            let (bands, exchange) = numbers.split_at(3 * RETURN_BANDS as usize * SMALL_LEN);
-            for (at, matrix) in bands.chunks_exact(SMALL_LEN).enumerate() {
-                add_square(returned.plane_mut(at % 3), matrix, block, width);
-            }
-            for (channel, matrix) in exchange.chunks_exact(SMALL_LEN).enumerate() {
-                add_square(among.plane_mut(channel), matrix, block, width);
-            }
-        })?;
-        Ok([returned, among])
-    }
-}
-
-/// Adds the first `block` rows and columns of `matrix`, `width` wide.
-fn add_square(sums: &mut [f64], matrix: &[f32], block: usize, width: usize) {
-    for (sums, row) in sums.chunks_exact_mut(block.max(1)).zip(matrix.chunks_exact(width)) {
-        for (sum, &value) in sums.iter_mut().zip(row) {
-            *sum += f64::from(value);
-        }
     }
 }

@@ -29,6 +29,12 @@ pub(super) struct Buffers {
     pub(super) entries: Buffer,
     pub(super) is_named: Buffer,
     pub(super) members: Buffer,
+    /// Who wants to enter, by place.
+    pub(super) offered: Buffer,
+    /// A bit a slot: its patch was refused.
+    pub(super) refused: Buffer,
+    /// Residents as they were when a fresh solve began.
+    pub(super) residents_before: Buffer,
     /// N, K and `among` of three channels.
     pub(super) small: Buffer,
     /// What comes back to a block, in bands; what its members exchange among themselves.
@@ -49,7 +55,7 @@ pub(super) struct Buffers {
 }
 
 /// Numbers of a small matrix.
-pub(super) const SMALL_LEN: usize = (BLOCK * BLOCK) as usize;
+const SMALL_LEN: usize = (BLOCK * BLOCK) as usize;
 
 impl Buffers {
     pub(super) fn new(device: &GpuDevice, capacity: u32) -> Result<Self, BackendError> {
@@ -75,6 +81,9 @@ impl Buffers {
             entries: columns("entries", size(size_of::<ExchangeEntry>()))?,
             is_named: buffer("is named", u64::from(stripes))?,
             members: buffer("members", size(size_of::<Member>()) * u64::from(BLOCK))?,
+            offered: buffer("offered", size(size_of::<Resident>()) * u64::from(BLOCK))?,
+            refused: buffer("refused", u64::from(rows / 32))?,
+            residents_before: buffer("residents before", size(size_of::<Resident>()) * u64::from(rows))?,
             small: buffer("small", 9 * SMALL_LEN as u64)?,
             returned: buffer("returned", 3 * u64::from(RETURN_BANDS) * SMALL_LEN as u64)?,
             among: buffer("among", 3 * SMALL_LEN as u64)?,

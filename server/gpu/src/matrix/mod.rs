@@ -1,13 +1,15 @@
 //! The local matrix on a device: planes, the blocks that enter and leave, products.
 //!
-//! The formulas are those of `radiosity::local_matrix`; so is the split of the work: what is O(M) and more runs in
-//! kernels, what is 32 x 32 is solved for on the host in `f64`, by the same code. Who is where is kept on the host.
+//! The formulas are those of `radiosity::local_matrix`. All of it runs in kernels, one submission a block, and nobody waits:
+//! who enters, the device decides by the pivots it meets. So who is where is known there; the host keeps what it asked for,
+//! and is told later who was refused, by bits that come with light. Until then a refused patch is a slot of the host's whose row
+//! and column are zero, and kernels pass it over as they pass over free slots.
 //!
 //! | file | holds |
 //! |---|---|
 //! | `mod.rs` | who is where |
 //! | `buffers.rs` | what lies on the device |
-//! | `block.rs` | passes that adds, removals and repairs share |
+//! | `block.rs` | passes that adds, removals and repairs share; the 32 x 32 systems |
 //! | `add.rs`, `remove.rs` | a block enters, a block leaves |
 //! | `repair.rs` | Newton-Schulz, a block of columns at a time; the fresh solve |
 //! | `product.rs` | the light of a frame, the drift probe |
@@ -20,11 +22,10 @@ mod remove;
 mod repair;
 
 use crate::device::GpuDevice;
-use crate::readback::Readback;
+use crate::readback::Later;
 use crate::recorder::Recorder;
 use crate::timing::{PassTime, Sampling, Timing};
 use buffers::Buffers;
-use earthshine_radiosity::local_matrix::Arrival;
 use earthshine_radiosity::{BackendError, Slot};
 use earthshine_shaders::host::{Pass, Resident};
 use earthshine_shaders::limits::TILE_EDGE;
@@ -36,7 +37,7 @@ pub(crate) struct GpuMatrix {
     device: GpuDevice,
     capacity: u32,
     buffers: Buffers,
-    /// As on the device: reflectance and area of each slot.
+    /// Reflectance and area of each slot, of those whom the device has refused too until it is told.
     residents: Vec<Resident>,
     /// One past the highest taken slot.
     extent: u32,
@@ -44,8 +45,10 @@ pub(crate) struct GpuMatrix {
     named: u32,
     /// Next slot whose column is to be refined.
     repair_from: u32,
-    /// What a block is solved from, on its way to the host.
-    block_readback: Readback,
+    /// Of a drift probe: what arrives by `H`, and by `F`; on its way to the host.
+    probed: Later,
+    /// Light of a step, whole, on its way to the host.
+    light: Later,
     timing: Option<Timing>,
     sampling: Sampling,
 }
@@ -55,7 +58,6 @@ impl GpuMatrix {
     /// [`BackendError::OutOfMemory`], [`BackendError::DeviceLost`].
     pub(crate) fn new(device: &GpuDevice, capacity: u32) -> Result<Self, BackendError> {
         let buffers = Buffers::new(device, capacity)?;
-        let block_readback = Readback::new(device, buffers.returned.size() + buffers.among.size())?;
         let rows = buffers.rows as usize;
         Ok(Self {
             device: device.clone(),
@@ -65,7 +67,8 @@ impl GpuMatrix {
             extent: 0,
             named: 0,
             repair_from: 0,
-            block_readback,
+            probed: Later::default(),
+            light: Later::default(),
             timing: None,
             sampling: Sampling::default(),
         })
@@ -111,10 +114,10 @@ impl GpuMatrix {
         Pass { rows: self.buffers.rows, stripe_count: self.stripes(), part_count: 1, ..Pass::default() }
     }
 
-    fn recorder(&mut self) -> (Recorder<'_>, &Buffers, &mut Readback) {
+    fn recorder(&mut self) -> (Recorder<'_>, &Buffers) {
         let mut recorder = Recorder::new(&self.device, &self.buffers.uniforms, self.timing.as_mut());
         recorder.over(u64::from(self.named));
-        (recorder, &self.buffers, &mut self.block_readback)
+        (recorder, &self.buffers)
     }
 
     /// Says which stripes hold what the next gather multiplies.
@@ -123,25 +126,11 @@ impl GpuMatrix {
         self.upload(&self.buffers.is_named, is_named);
     }
 
-    /// Notes that a patch holds a slot, or nobody does.
-    fn set_resident(&mut self, slot: u32, arrival: Option<&Arrival<'_>>) {
-        self.residents[slot as usize] = arrival.map_or_else(Resident::default, |arrival| Resident {
-            reflectance: arrival.reflectance.to_array(),
-            area: arrival.area,
-        });
-        if arrival.is_some() {
-            self.extent = self.extent.max(slot + 1);
-        }
-    }
-
-    /// Brings `extent` down to the highest taken slot and tells the device who is where.
-    fn settle_residents(&mut self) {
-        let stripes_before = self.stripes();
+    /// Brings `extent` down to the highest taken slot.
+    fn shrink(&mut self) {
         while self.extent > 0 && self.residents[self.extent as usize - 1].area == 0.0 {
             self.extent -= 1;
         }
-        let rows = (stripes_before.max(self.stripes()) * TILE_EDGE) as usize;
-        self.upload(&self.buffers.residents, &self.residents[..rows]);
     }
 
     /// Writes to the beginning of a buffer before the next submission runs.
@@ -191,6 +180,6 @@ impl GpuMatrix {
     /// # Errors
     /// [`BackendError::DeviceLost`].
     pub(crate) fn finish(&self) -> Result<(), BackendError> {
-        self.device.wait(self.device.queue().submit([]))
+        self.device.wait("finish", self.device.queue().submit([]))
     }
 }

@@ -92,12 +92,12 @@ impl GpuMatrix {
     pub(crate) fn step(&mut self, selection: &Selection, news: &mut News) -> Result<(), BackendError> {
         let pass = self.select_tiles(selection);
         let pass = Pass { outside_weight: 1.0, ..pass };
-        let (mut recorder, buffers, _) = self.recorder();
+        let (mut recorder, buffers) = self.recorder();
         if pass.stripe_count > 0 {
             recorder.emit(buffers, &buffers.outside, pass);
             recorder.multiply(buffers, false, &buffers.irradiance, pass);
         }
-        news.record(&mut recorder, &buffers.irradiance, pass.rows, None);
+        news.record(&mut recorder, &buffers.irradiance, pass.rows, Some(&buffers.refused));
         let submission = recorder.submit()?;
         news.submitted(submission);
         Ok(())
@@ -108,13 +108,30 @@ impl GpuMatrix {
     /// # Errors
     /// [`BackendError::DeviceLost`].
     pub(crate) fn irradiance(&self) -> Result<Vec<f32>, BackendError> {
-        let bytes = 3 * size_of::<f32>() * self.rows();
-        Ok(bytemuck::pod_collect_to_vec(&read_now(
-            &self.device,
-            &self.buffers.irradiance,
-            bytes as u64,
-            |_| {},
-        )?))
+        let light = &self.buffers.irradiance;
+        Ok(bytemuck::pod_collect_to_vec(&read_now(&self.device, "light", light, light.size(), |_| {})?))
+    }
+
+    /// Whether light that was sent for is on its way.
+    pub(crate) fn is_light_coming(&self) -> bool {
+        self.light.is_coming()
+    }
+
+    /// Sends for the light of the last frame, a channel after the other.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`], [`BackendError::OutOfMemory`].
+    pub(crate) fn send_for_light(&mut self) -> Result<(), BackendError> {
+        self.light.send_for(&self.device, &[&self.buffers.irradiance])
+    }
+
+    /// The light that was sent for, once; nothing as long as it is on its way.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`].
+    pub(crate) fn light(&mut self) -> Result<Option<Vec<f32>>, BackendError> {
+        let bytes = self.light.take(&self.device, None)?;
+        Ok(bytes.map(|bytes| bytemuck::pod_collect_to_vec(&bytes)))
     }
 
     fn select_tiles(&self, selection: &Selection) -> Pass {
@@ -123,17 +140,22 @@ impl GpuMatrix {
         Pass { entry_count: selection.tiles.len() as u32, ..self.pass() }
     }
 
-    /// `h = H x` and `F (x + R h)` for `x`, a channel after the other; overwrites the device's own exitance.
+    /// Whether a probe is under way.
+    pub(crate) fn is_probing(&self) -> bool {
+        self.probed.is_coming()
+    }
+
+    /// Asks for `h = H x` and `F (x + R h)` for `x`, a channel after the other; overwrites the device's own exitance.
     ///
     /// # Errors
-    /// [`BackendError::DeviceLost`].
-    pub(crate) fn probe(&mut self, x: &[f32]) -> Result<[Vec<f32>; 2], BackendError> {
+    /// [`BackendError::DeviceLost`], [`BackendError::OutOfMemory`].
+    pub(crate) fn probe(&mut self, x: &[f32]) -> Result<(), BackendError> {
         self.upload(&self.buffers.own, x);
         let residents = &self.residents;
         let is_taken = |slot: u32| residents[slot as usize].area > 0.0;
         let selection = Selection::new(self.stripes(), is_taken, is_taken);
         let pass = self.select_tiles(&selection);
-        let (mut recorder, buffers, _) = self.recorder();
+        let (mut recorder, buffers) = self.recorder();
         // Nothing arrives from outside, and at first nothing at all.
         recorder.clear(&buffers.probed);
         recorder.clear(&buffers.gathered);
@@ -144,10 +166,18 @@ impl GpuMatrix {
             recorder.multiply(buffers, true, &buffers.gathered, pass);
         }
         recorder.submit()?;
-        let read = |buffer: &Buffer| {
-            let bytes = read_now(&self.device, buffer, 4 * x.len() as u64, |_| {})?;
-            Ok(bytemuck::pod_collect_to_vec(&bytes))
-        };
-        Ok([read(&self.buffers.probed)?, read(&self.buffers.gathered)?])
+        self.probed.send_for(&self.device, &[&self.buffers.probed, &self.buffers.gathered])
+    }
+
+    /// What the probe found, once: what arrives by `H`, and by `F`; nothing as long as it is on its way, unless `is_waiting`.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`].
+    pub(crate) fn probed(&mut self, is_waiting: bool) -> Result<Option<[Vec<f32>; 2]>, BackendError> {
+        let bytes = self.probed.take(&self.device, is_waiting.then_some("drift"))?;
+        Ok(bytes.map(|bytes| {
+            let (arriving, gathered) = bytes.split_at(bytes.len() / 2);
+            [arriving, gathered].map(bytemuck::pod_collect_to_vec)
+        }))
     }
 }

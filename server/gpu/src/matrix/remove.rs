@@ -1,48 +1,54 @@
-//! A block of patches leaves: its columns are there, so only what its members exchange goes to the host.
+//! A block of patches leaves: its columns are there.
 
 use super::GpuMatrix;
 use super::block::{EXCHANGE_PLANE, columns_stride};
-use earthshine_radiosity::local_matrix::capacitance::{SmallMatrices, leaving};
 use earthshine_radiosity::{BackendError, Slot};
-use earthshine_shaders::host::Pass;
+use earthshine_shaders::host::{Pass, Resident};
 
 impl GpuMatrix {
-    /// Removes up to 32 patches at once.
+    /// Removes up to 32 patches at once. Those whom the device has refused are among them for nothing.
     ///
     /// # Errors
     /// [`BackendError::DeviceLost`]: nothing of the block counts.
     pub(crate) fn remove_block(&mut self, slots: &[Slot]) -> Result<(), BackendError> {
-        let block = slots.len();
-        if block == 0 {
+        if slots.is_empty() {
             return Ok(());
         }
         let slots: Vec<u32> = slots.iter().map(|slot| slot.0).collect();
-        let entry_count = self.upload_members(&slots, u32::MAX);
-        let pass = Pass { entry_count, ..self.pass() };
-        let (mut recorder, buffers, readback) = self.recorder();
+        let entry_count = self.upload_members(&slots);
+        let pass = Pass { entry_count, is_leaving: 1, ..self.pass() };
+        let (mut recorder, buffers) = self.recorder();
         recorder.clear(&buffers.columns);
         for channel in 0..3 {
             recorder.copy_out(buffers, channel, &buffers.columns, columns_stride(pass), pass);
             recorder.read_members(buffers, channel, channel as u32, pass);
         }
-        readback.record(recorder.encoder(), &[&buffers.returned, &buffers.among]);
-        let submission = recorder.submit()?;
-        self.block_readback.submitted(submission);
-        let [_, exchange] = self.fetch_block(block)?;
-        let patch = |place: usize| {
-            let slot = Slot(slots[place]);
-            (self.reflectance(slot), self.area(slot))
-        };
-        let factor = leaving(exchange, patch);
-        let nothing = SmallMatrices::zero(block);
-        self.upload_small([&nothing, &factor, &nothing], block);
-        let (mut recorder, buffers, _) = self.recorder();
+        recorder.solve_block(buffers, pass);
         recorder.close_loop(buffers, pass);
         // All of `finals` is zero now.
         recorder.write_members(buffers, EXCHANGE_PLANE, &buffers.finals, 0, pass);
         recorder.submit()?;
-        slots.iter().for_each(|&slot| self.set_resident(slot, None));
-        self.settle_residents();
+        slots.iter().for_each(|&slot| self.forget(Slot(slot)));
+        Ok(())
+    }
+
+    /// Nobody holds `slot` any more, as the device knows already: its patch has left, or was refused.
+    pub(crate) fn forget(&mut self, slot: Slot) {
+        self.residents[slot.0 as usize] = Resident::default();
+        self.shrink();
+    }
+
+    /// Everybody leaves: what there was is zeroed.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`]: everybody is still there.
+    pub(crate) fn clear(&mut self) -> Result<(), BackendError> {
+        let (mut recorder, buffers) = self.recorder();
+        let planes = buffers.planes.iter().flat_map(|plane| &plane.parts).map(|part| &part.buffer);
+        planes.chain([&buffers.residents, &buffers.refused]).for_each(|buffer| recorder.clear(buffer));
+        recorder.submit()?;
+        self.residents.fill(Resident::default());
+        (self.extent, self.repair_from) = (0, 0);
         Ok(())
     }
 }

@@ -6,14 +6,12 @@
 
 use super::GpuMatrix;
 use super::block::{Combine, EXCHANGE_PLANE, columns_stride};
-use earthshine_radiosity::local_matrix::capacitance::Entering;
 use earthshine_radiosity::{BackendError, Repaired};
 use earthshine_shaders::host::{Pass, Resident};
 use earthshine_shaders::limits::BLOCK;
-use earthshine_world::Rgb;
 
 /// Pivots of a fresh solve, whose patches were all accepted before: any that can be divided by.
-const SOLVE_PIVOT_MIN: f64 = 1e-6;
+const SOLVE_PIVOT_MIN: f32 = 1e-6;
 
 impl GpuMatrix {
     /// Refines the columns of the next `columns_max` patches, at least one block of them; goes on where the last call
@@ -41,11 +39,11 @@ impl GpuMatrix {
         if slots.is_empty() {
             return Ok(());
         }
-        let entry_count = self.upload_members(slots, u32::MAX);
+        let entry_count = self.upload_members(slots);
         self.name_stripes(&vec![1; self.stripes() as usize]);
         let pass = Pass { entry_count, ..self.pass() };
         let stride = columns_stride(pass);
-        let (mut recorder, buffers, _) = self.recorder();
+        let (mut recorder, buffers) = self.recorder();
         recorder.clear(&buffers.columns);
         recorder.clear(&buffers.exchange);
         recorder.copy_out(buffers, EXCHANGE_PLANE, &buffers.exchange, 0, pass);
@@ -67,49 +65,39 @@ impl GpuMatrix {
     /// # Errors
     /// [`BackendError::DeviceLost`].
     pub(crate) fn resolve(&mut self) -> Result<(), BackendError> {
-        let residents = self.residents.clone();
         let slots: Vec<u32> = self.taken_slots().collect();
-        let (mut recorder, buffers, _) = self.recorder();
+        let (mut recorder, buffers) = self.recorder();
         for plane in &buffers.planes[..EXCHANGE_PLANE] {
             plane.parts.iter().for_each(|part| recorder.clear(&part.buffer));
         }
-        recorder.submit()?;
         // Nobody is there at first, and those who are not are passed over.
-        let mut present = vec![Resident::default(); residents.len()];
+        recorder.copy(&buffers.residents, 0, &buffers.residents_before, 0, buffers.residents.size());
+        recorder.clear(&buffers.residents);
+        recorder.submit()?;
         self.name_stripes(&vec![1; self.stripes() as usize]);
         for block in slots.chunks(BLOCK as usize) {
-            self.upload(&self.buffers.residents, &present);
             self.enter_again(block)?;
-            block.iter().for_each(|&slot| present[slot as usize] = residents[slot as usize]);
         }
-        self.upload(&self.buffers.residents, &residents);
         self.repair_from = 0;
         Ok(())
     }
 
-    /// Enters residents whose rows and columns of `G` are empty.
+    /// Enters residents whose rows and columns of `G` are empty; whom the device has refused, it refuses again.
     fn enter_again(&mut self, slots: &[u32]) -> Result<(), BackendError> {
-        let entry_count = self.upload_members(slots, u32::MAX);
-        let pass = Pass { entry_count, ..self.pass() };
-        let (mut recorder, buffers, _) = self.recorder();
+        let entry_count = self.upload_members(slots);
+        let pass = Pass { entry_count, pivot_min: SOLVE_PIVOT_MIN, ..self.pass() };
+        let (mut recorder, buffers) = self.recorder();
+        let bytes = size_of::<Resident>() as u64;
+        for (place, &slot) in (0..).zip(slots) {
+            let from = bytes * u64::from(slot);
+            recorder.copy(&buffers.residents_before, from, &buffers.offered, bytes * place, bytes);
+        }
         recorder.clear(&buffers.exchange);
         recorder.copy_out(buffers, EXCHANGE_PLANE, &buffers.exchange, 0, pass);
-        recorder.submit()?;
-        let [mut returned, among] = self.open_block(slots.len(), true)?;
-        for channel in 0..3 {
-            for (to, &among) in returned.plane_mut(channel).iter_mut().zip(among.plane(0)) {
-                *to += among;
-            }
-        }
-        let patch = |place: usize| {
-            let Resident { reflectance, area } = self.residents[slots[place] as usize];
-            (Rgb::from_array(reflectance), area)
-        };
-        let entering = Entering::solve(&returned, SOLVE_PIVOT_MIN, patch);
-        self.close_block(slots, &entering);
-        let entry_count = self.upload_members(slots, entering.kept);
-        let (mut recorder, buffers, _) = self.recorder();
-        recorder.close_loop(buffers, Pass { entry_count, ..pass });
+        recorder.open_block(buffers, pass);
+        recorder.read_members(buffers, EXCHANGE_PLANE, 0, pass);
+        recorder.solve_block(buffers, pass);
+        recorder.close_loop(buffers, pass);
         recorder.submit().map(|_| ())
     }
 }

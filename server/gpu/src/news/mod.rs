@@ -155,9 +155,14 @@ impl News {
         self.waiting.light[slot] = None;
     }
 
+    /// Whether light of step `step`, and words that came with it, are of the patch in `slot`.
+    pub(crate) fn is_of_patch_at(&self, slot: usize, step: u64) -> bool {
+        self.since[slot] <= step
+    }
+
     /// Whether the newest step came after the patch in `slot`, or the last one that left it.
     pub(crate) fn is_of_patch(&self, slot: usize) -> bool {
-        self.since[slot] <= self.step
+        self.is_of_patch_at(slot, self.step)
     }
 
     /// The newest step.
@@ -173,6 +178,11 @@ impl News {
     /// Whether news of a step is on its way.
     pub(crate) fn is_coming(&self) -> bool {
         !self.flights.is_empty()
+    }
+
+    /// Whether room for the news of another step has to be waited for, as far as was looked.
+    pub(crate) fn is_full(&self) -> bool {
+        self.idle.is_empty()
     }
 
     /// Makes room for the news of another step; waits only if too many are on their way.
@@ -234,9 +244,14 @@ impl News {
         news: &mut Vec<(Slot, Rgb)>,
     ) -> Result<(), BackendError> {
         self.collect(device)?;
+        self.take_arrived(news);
+        Ok(())
+    }
+
+    /// As [`Self::take`], of what [`Self::collect`] has taken in.
+    pub(crate) fn take_arrived(&mut self, news: &mut Vec<(Slot, Rgb)>) {
         self.asked += 1;
         self.waiting.take(news);
-        Ok(())
     }
 
     /// Waits until everything that is on its way has arrived.
@@ -252,13 +267,16 @@ impl News {
 
     fn wait_for_oldest(&mut self, device: &GpuDevice) -> Result<(), BackendError> {
         if let Some(submission) = self.flights.front().and_then(Flight::submission) {
-            device.wait(submission)?;
+            device.wait("news", submission)?;
         }
         self.collect(device)
     }
 
-    /// Takes in what has arrived, oldest first.
-    fn collect(&mut self, device: &GpuDevice) -> Result<(), BackendError> {
+    /// Takes in what has arrived, oldest first. Does not wait.
+    ///
+    /// # Errors
+    /// [`BackendError::DeviceLost`], [`BackendError::NotANumber`].
+    pub(crate) fn collect(&mut self, device: &GpuDevice) -> Result<(), BackendError> {
         device.poll()?;
         while let Some(flight) = self.flights.front_mut()
             && flight.arrive(device)?

@@ -37,7 +37,7 @@ mod tests;
 
 use crate::device::GpuDevice;
 use crate::news::News;
-use crate::readback::read_now;
+use crate::readback::{Later, read_now};
 use crate::recorder::Recorder;
 use crate::timing::{PassTime, Sampling, Timing};
 use buffers::Buffers;
@@ -80,6 +80,9 @@ pub struct GpuRowLight {
     /// Light as it was read last, and whether that is the light of the last frame.
     published: Vec<Rgb>,
     is_read: bool,
+    /// Light of a frame, whole, on its way to the host; and of the slots it was asked for, whether it is of their patches.
+    polled: Later,
+    are_polled_known: Vec<bool>,
     timing: Option<Timing>,
     sampling: Sampling,
 }
@@ -138,6 +141,8 @@ impl GpuRowLight {
             news,
             published: light.iter().map(|light| Rgb::new(light[0], light[1], light[2])).collect(),
             is_read: true,
+            polled: Later::default(),
+            are_polled_known: Vec::new(),
             timing: None,
             sampling: Sampling::default(),
             buffers,
@@ -188,7 +193,7 @@ impl GpuRowLight {
     /// # Errors
     /// [`BackendError::DeviceLost`].
     pub fn finish(&self) -> Result<(), BackendError> {
-        self.device.wait(self.device.queue().submit([]))
+        self.device.wait("finish", self.device.queue().submit([]))
     }
 
     fn slots(&self) -> u32 {
@@ -329,17 +334,9 @@ impl GpuRowLight {
     fn fetch(&mut self) -> Result<(), BackendError> {
         self.device.check()?;
         if !self.is_read {
-            let slots = self.published.len();
-            let bytes = (3 * size_of::<f32>() * slots) as u64;
-            let found: Vec<f32> = bytemuck::pod_collect_to_vec(&read_now(
-                &self.device,
-                &self.buffers.published,
-                bytes,
-                |_| {},
-            )?);
-            for (slot, light) in self.published.iter_mut().enumerate() {
-                *light = Rgb::new(found[slot], found[slots + slot], found[2 * slots + slot]);
-            }
+            let published = &self.buffers.published;
+            let bytes = read_now(&self.device, "light", published, published.size(), |_| {})?;
+            self.published = lights_of(&bytes, self.published.len());
             self.is_read = true;
             self.news.wait(&self.device)?;
             self.sampling.end(&self.device, &mut self.timing)?;
@@ -444,6 +441,25 @@ impl RowLight for GpuRowLight {
         Ok(())
     }
 
+    fn poll(&mut self, residents: &Residents, slots: &[Slot], out: &mut [Rgb]) -> Result<bool, BackendError> {
+        if !self.polled.is_coming() {
+            if self.is_read {
+                return self.read(residents, slots, out).map(|()| true);
+            }
+            self.are_polled_known = slots.iter().map(|slot| self.news.is_of_patch(slot.0 as usize)).collect();
+            self.polled.send_for(&self.device, &[&self.buffers.published])?;
+        }
+        let Some(bytes) = self.polled.take(&self.device, None)? else { return Ok(false) };
+        let light = lights_of(&bytes, self.published.len());
+        for ((slot, out), &is_known) in slots.iter().zip(out).zip(&self.are_polled_known) {
+            *out = if is_known { light[slot.0 as usize] } else { Rgb::ZERO };
+            if residents.links.is_taken(slot.0 as usize) && !out.is_finite() {
+                return Err(BackendError::NotANumber(*slot));
+            }
+        }
+        Ok(true)
+    }
+
     fn take_news(&mut self, _: &Residents, news: &mut Vec<(Slot, Rgb)>) -> Result<(), BackendError> {
         self.news.take(&self.device, news)
     }
@@ -451,4 +467,14 @@ impl RowLight for GpuRowLight {
     fn is_news_coming(&self) -> bool {
         self.news.is_coming()
     }
+
+    fn is_behind(&self) -> bool {
+        self.news.is_full()
+    }
+}
+
+/// Of light as it is published: a channel after the other.
+fn lights_of(bytes: &[u8], slots: usize) -> Vec<Rgb> {
+    let found: Vec<f32> = bytemuck::pod_collect_to_vec(bytes);
+    (0..slots).map(|slot| Rgb::new(found[slot], found[slots + slot], found[2 * slots + slot])).collect()
 }

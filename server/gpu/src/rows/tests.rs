@@ -129,7 +129,7 @@ fn a_life_on_a_device_is_the_life_on_the_cpu() {
 
 /// The words of a buffer.
 fn words<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(device: &GpuDevice, buffer: &Buffer) -> Vec<T> {
-    let bytes = read_now(device, buffer, buffer.size(), |_| {}).expect("a device that works");
+    let bytes = read_now(device, "test", buffer, buffer.size(), |_| {}).expect("a device that works");
     bytemuck::pod_collect_to_vec(&bytes)
 }
 

@@ -1,18 +1,21 @@
 //! Kernels of the local matrix: products and sums in `f64`, moves to the bit.
 
-use super::{Bench, Twin, assert_near, bytes, entries, floats, hold, random, randoms};
+use super::{Bench, Twin, assert_near, bytes, entries, floats, hold, random, randoms, residents, values};
 use crate::plane::stripe_at;
 use crate::recorder::folded;
+use earthshine_radiosity::local_matrix::capacitance::{Entering, SmallMatrices, leaving};
 use earthshine_shaders::host::{ExchangeEntry, Member, Pass, Resident, StripeMarks};
 use earthshine_shaders::kernel::{
     COMBINE_COLUMNS, COPY_COLUMNS, EMIT_EXITANCE, GATHER_COLUMNS, MULTIPLY_TILES, RANK_UPDATE, READ_MEMBERS,
-    RETURN_LIGHT, SCATTER_EXCHANGE, SUM_TILES, TIMES_SMALL, WRITE_COLUMNS,
+    RETURN_LIGHT, SCATTER_EXCHANGE, SOLVE_BLOCK, SUM_TILES, TIMES_SMALL, WRITE_COLUMNS,
 };
 use earthshine_shaders::limits::{BLOCK, RETURN_BANDS, SECTIONS};
+use earthshine_world::Rgb;
 
 pub(super) const TWINS: &[Twin] = &[
     Twin { kernels: &[GATHER_COLUMNS, COMBINE_COLUMNS], holds: gathers_and_combinations_are_products },
     Twin { kernels: &[RETURN_LIGHT], holds: returned_light_is_a_sum },
+    Twin { kernels: &[SOLVE_BLOCK], holds: blocks_are_solved_as_in_f64 },
     Twin { kernels: &[TIMES_SMALL], holds: small_products_are_sums },
     Twin { kernels: &[RANK_UPDATE], holds: updates_are_products },
     Twin { kernels: &[WRITE_COLUMNS, COPY_COLUMNS, READ_MEMBERS], holds: columns_go_where_they_belong },
@@ -240,6 +243,7 @@ fn columns_go_where_they_belong(bench: &Bench<'_>, n: usize) {
     let (rows, stride) = (example.rows, example.rows * WIDTH);
     let (columns, plane) = (example.columns(7), example.packed());
     let members = example.members();
+    let struck: Vec<Member> = members.iter().map(|of| Member { slot: u32::MAX, ..*of }).collect();
     let pass = Pass { entry_count: members.len() as u32, ..example.pass(1) };
     let grid = [(rows as u32).div_ceil(256), members.len() as u32, 1];
     let inputs = [bytes(&plane), bytes(&columns), bytes(&members)];
@@ -256,6 +260,9 @@ fn columns_go_where_they_belong(bench: &Bench<'_>, n: usize) {
         };
         assert_eq!(entry, expected, "{n}: {high} {low}");
     }
+    let inputs = [bytes(&plane), bytes(&columns), bytes(&struck)];
+    let found = floats(&bench.run(&WRITE_COLUMNS, &inputs, pass, grid)[0]);
+    assert!(found.iter().zip(&plane).all(|(a, b)| a == b), "who did not enter writes nothing");
     let inputs = [bytes(&plane), bytes(&example.residents), bytes(&members), bytes(&columns)];
     let copied = floats(&bench.run(&COPY_COLUMNS, &inputs, pass, grid)[3]);
     for (slot, member) in (0..rows).flat_map(|slot| members.iter().map(move |member| (slot, member))) {
@@ -328,12 +335,144 @@ fn light_is_the_product_of_what_is_lit_for_what_is_wanted(bench: &Bench<'_>, n: 
     assert_near(&found, (0..3 * rows).map(light), "irradiance");
 }
 
+/// Against `f64` on the host: who enters, and the matrices of who does. Every seventh patch is a mirror, refused in one channel
+/// alone; the last offer is nobody.
+fn blocks_are_solved_as_in_f64(bench: &Bench<'_>, n: usize) {
+    let example = Example::new(n);
+    let block = n.min(WIDTH);
+    // Spread, and not in order.
+    let slot = |place: usize| (place * 7 % block * (n / block.max(1))) as u32;
+    let members: Vec<Member> =
+        (0..block).map(|place| Member { slot: slot(place), place: place as u32 }).collect();
+    let count = members.len();
+    let words = example.rows / 32;
+    let offered: Vec<Resident> = (0..WIDTH)
+        .map(|place| match place {
+            _ if place + 1 == count && count > 2 => Resident::default(),
+            _ if place % 7 == 3 => Resident { reflectance: [0.3, 0.98, 0.3], area: 1.0 },
+            _ => Resident {
+                reflectance: std::array::from_fn(|channel| 0.9 * random(30 + channel as u64, place)),
+                area: 0.5 + random(33, place),
+            },
+        })
+        .collect();
+    // A mirror sees itself; others see little of each other.
+    let pair = |purpose: u64, a: usize, b: usize| {
+        let own = if a == b && a % 7 == 3 { 0.97 } else { 0.0 };
+        own + random(purpose, a.max(b) * WIDTH + a.min(b)) / 64.0
+    };
+    let square = |purpose: u64| (0..WIDTH * WIDTH).map(move |at| pair(purpose, at / WIDTH, at % WIDTH));
+    let mut among: Vec<f32> = square(40).collect();
+    among.resize(3 * WIDTH * WIDTH, 0.5);
+    let returned: Vec<f32> = (0..3 * RETURN_BANDS as u64)
+        .flat_map(|band| square(50 + band).map(|light| light / 128.0).collect::<Vec<_>>())
+        .collect();
+    let exchange = vec![0.0f32; example.rows * WIDTH];
+    let small = vec![f32::NAN; 9 * WIDTH * WIDTH];
+    let refused = vec![u32::MAX; words];
+    let pass = Pass { entry_count: count as u32, pivot_min: 0.05, ..example.pass(0) };
+    let run = |pass: Pass, among: &[f32]| {
+        let inputs: [&[u8]; 8] = [
+            bytes(&returned),
+            bytes(among),
+            bytes(&offered),
+            bytes(&example.residents),
+            bytes(&members),
+            bytes(&exchange),
+            bytes(&small),
+            bytes(&refused),
+        ];
+        bench.run(&SOLVE_BLOCK, &inputs, pass, [1, 1, 1])
+    };
+    let outputs = run(pass, &among);
+    if count == 0 {
+        assert_eq!(outputs[3], bytes(&example.residents), "nobody comes");
+        return;
+    }
+    let mut light = SmallMatrices::zero(count);
+    for channel in 0..3 {
+        for (at, light) in light.plane_mut(channel).iter_mut().enumerate() {
+            let at = at / count * WIDTH + at % count;
+            let of_band = |band: usize| f64::from(returned[(band * 3 + channel) * WIDTH * WIDTH + at]);
+            *light = f64::from(among[at]) + (0..RETURN_BANDS as usize).map(of_band).sum::<f64>();
+        }
+    }
+    // Nobody is never refused on the host: such a patch is as one whose pivot is weak.
+    let patch = |place: usize| match offered[place] {
+        of if of.area > 0.0 => (Rgb::from_array(of.reflectance), of.area),
+        _ => (Rgb::splat(1e6), 1.0),
+    };
+    let expected = Entering::solve(&light, 0.05, patch);
+    let noted: Vec<Member> = values(&outputs[4]);
+    let kept = noted.iter().enumerate().filter(|(_, of)| of.slot != u32::MAX);
+    assert_eq!(kept.fold(0u32, |kept, (place, _)| kept | 1 << place), expected.kept, "{n}");
+    assert!(count < 8 || (expected.kept.count_ones() as usize) < count - 3, "some are refused");
+    assert_small(&floats(&outputs[6]), [&expected.inverse, &expected.factor, &expected.among], count);
+    let (residents, bits): (Vec<Resident>, Vec<u32>) = (values(&outputs[3]), values(&outputs[7]));
+    for (place, member) in members.iter().enumerate() {
+        let (slot, is_kept) = (member.slot as usize, expected.kept >> place & 1 == 1);
+        assert_eq!(residents[slot], if is_kept { offered[place] } else { Resident::default() });
+        assert_eq!(bits[slot / 32] >> (slot % 32) & 1 == 0, is_kept, "{slot}");
+        let row = &floats(&outputs[5])[slot * WIDTH..][..count];
+        let direct = &among[place * WIDTH..][..count];
+        assert!(row.iter().zip(direct).all(|(&found, &own)| found == if is_kept { own } else { 0.0 }));
+    }
+    // The same patches leave.
+    let exchange_of: Vec<f32> = (0..3).flat_map(|channel| square(60 + channel).collect::<Vec<_>>()).collect();
+    let outputs = run(Pass { is_leaving: 1, pivot_min: 0.0, ..pass }, &exchange_of);
+    let mut gone = SmallMatrices::zero(count);
+    for channel in 0..3 {
+        for (at, entry) in gone.plane_mut(channel).iter_mut().enumerate() {
+            let at = at / count * WIDTH + at % count;
+            *entry = f64::from(exchange_of[channel * WIDTH * WIDTH + at]);
+        }
+    }
+    let resident = |place: usize| {
+        let of = example.residents[members[place].slot as usize];
+        if of.area > 0.0 { (Rgb::from_array(of.reflectance), of.area) } else { (Rgb::ZERO, 1.0) }
+    };
+    let (nothing, factor) = (SmallMatrices::zero(count), leaving(gone, resident));
+    assert_small(&floats(&outputs[6]), [&nothing, &factor, &nothing], count);
+    let residents: Vec<Resident> = values(&outputs[3]);
+    let bits: Vec<u32> = values(&outputs[7]);
+    for member in &members {
+        let slot = member.slot as usize;
+        assert_eq!(residents[slot], Resident::default());
+        assert_eq!(bits[slot / 32] >> (slot % 32) & 1, 0);
+    }
+}
+
+/// What a sweep in `f32` may be off, as a share of the largest number of its matrix.
+const SWEEP_REL: f64 = 2e-6;
+
+fn assert_small(found: &[f32], expected: [&SmallMatrices; 3], count: usize) {
+    for (matrix, found) in found.chunks_exact(WIDTH * WIDTH).enumerate() {
+        let expected = expected[matrix % 3].plane(matrix / 3);
+        let largest = expected.iter().fold(0.0f64, |largest, of| largest.max(of.abs()));
+        for (at, &found) in found.iter().enumerate() {
+            let (row, column) = (at / WIDTH, at % WIDTH);
+            // Beyond the block N is the identity, and nobody reads it.
+            if row.max(column) < count {
+                let gap = (f64::from(found) - expected[row * count + column]).abs();
+                assert!(gap <= SWEEP_REL * largest, "{matrix}, {row} {column}: {found}, {largest}");
+            }
+        }
+    }
+}
+
 fn scattered_entries_are_where_they_say(bench: &Bench<'_>, n: usize) {
-    let scattered: Vec<ExchangeEntry> =
-        (0..n).map(|at| ExchangeEntry { at: (at * 3 + 1) as u32, exchange_m2: 1.0 + at as f32 }).collect();
-    let mut expected = vec![0.0f32; 3 * n + 8];
-    let found =
-        floats(&bench.threads(&SCATTER_EXCHANGE, &[bytes(&scattered), bytes(&expected)], entries(n))[1]);
-    scattered.iter().for_each(|entry| expected[entry.at as usize] = entry.exchange_m2);
+    let residents = residents(n);
+    let scattered: Vec<ExchangeEntry> = (0..n)
+        .map(|slot| ExchangeEntry {
+            at: (slot * WIDTH + slot % WIDTH) as u32,
+            exchange_m2: 1.0 + slot as f32,
+        })
+        .collect();
+    let mut expected = vec![0.0f32; n * WIDTH];
+    let inputs = [bytes(&scattered), bytes(&residents), bytes(&expected)];
+    let found = floats(&bench.threads(&SCATTER_EXCHANGE, &inputs, entries(n))[2]);
+    // Nothing is exchanged with who is not there.
+    let is_there = |entry: &&ExchangeEntry| residents[entry.at as usize / WIDTH].area > 0.0;
+    scattered.iter().filter(is_there).for_each(|entry| expected[entry.at as usize] = entry.exchange_m2);
     assert_eq!(found, expected);
 }

@@ -129,7 +129,7 @@ impl Bench<'_> {
         recorder.submit().expect("a device that works");
         let read = |(buffer, bytes): (&wgpu::Buffer, &&[u8])| {
             let padded = (bytes.len() + MARGIN.len()) as u64;
-            let mut read = read_now(device, buffer, padded, |_| {}).expect("a device that works");
+            let mut read = read_now(device, "test", buffer, padded, |_| {}).expect("a device that works");
             assert_eq!(read.split_off(bytes.len()), MARGIN, "{} writes beyond a buffer", kernel.name);
             read
         };

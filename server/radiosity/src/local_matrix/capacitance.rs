@@ -2,8 +2,8 @@
 //!
 //! Swept in the order of the block and without exchanging rows: the pivot met at a patch is then exactly
 //! the `1 - c s` it would have had entering alone, after those before it. So a block refuses whom one
-//! at a time would refuse, and a refused patch is as if it had not come. Every backend solves for its blocks here:
-//! devices without `f64` send these numbers over, 4 KiB a channel.
+//! at a time would refuse, and a refused patch is as if it had not come. Devices do
+//! the same sweep in `f32` (`solve_block`), and are held against this one.
 
 use super::LocalMatrix;
 use earthshine_world::Rgb;

@@ -5,6 +5,9 @@
 //! fails is stood in for by the CPU: `backend/rescue.rs`.
 
 mod arrivals;
+mod audit;
+#[cfg(test)]
+mod late_tests;
 mod matrix;
 mod rescue;
 #[cfg(test)]
@@ -54,6 +57,10 @@ pub struct SolverBackend {
     is_audited: bool,
     /// Sources that the matrix has not been told.
     is_matrix_behind: bool,
+    /// An audit that is under way.
+    audit: Option<audit::Audit>,
+    /// Slots whose patch a matrix refused, to be told; they are taken until then.
+    refused: Vec<Slot>,
     interest: Option<Vec<Slot>>,
     /// Whether light has come from elsewhere since the matrix last told of its own.
     is_matrix_untold: bool,
@@ -118,6 +125,8 @@ impl SolverBackend {
             matrix,
             is_audited: false,
             is_matrix_behind: false,
+            audit: None,
+            refused: Vec::new(),
             interest: None,
             is_matrix_untold: false,
             check: UpdateCheck::new(slots),
@@ -184,6 +193,7 @@ impl SolverBackend {
 
     /// Advances light by another method from now on, from where it is.
     fn enter(&mut self, settings: &SolverSettings) -> Result<(), BackendError> {
+        self.audit = None;
         if settings.method == Method::Matrix {
             self.is_matrix_untold |= self.on_rows.take().is_some();
             return Ok(());
@@ -273,28 +283,6 @@ impl SolverBackend {
             (None, None) => Ok(()),
         }
     }
-
-    /// How far light is from the matrix's, as a share; none while that is not whole.
-    fn audit_once(&mut self) -> Result<Option<f32>, BackendError> {
-        if !self.is_audited || self.on_rows.is_none() || !self.complete_matrix()? {
-            return Ok(None);
-        }
-        self.tell_matrix()?;
-        let Some(matrix) = &mut self.matrix else { return Ok(None) };
-        matrix.step()?;
-        let is_meant = |slot: &Slot| matrix.is_taken(*slot) && matrix.is_current(*slot);
-        let slots: Vec<Slot> =
-            (0..self.residents.links.capacity() as u32).map(Slot).filter(is_meant).collect();
-        let (mut exact, mut found) = (vec![Rgb::ZERO; slots.len()], vec![Rgb::ZERO; slots.len()]);
-        matrix.read_irradiance(&slots, &mut exact)?;
-        self.read(&slots, &mut found)?;
-        let (mut gap, mut norm) = (0.0f64, 0.0f64);
-        for (found, exact) in found.iter().zip(&exact) {
-            gap += f64::from((*found - *exact).length_squared());
-            norm += f64::from(exact.length_squared());
-        }
-        Ok(Some(if gap == 0.0 { 0.0 } else { (gap / norm).sqrt() as f32 }))
-    }
 }
 
 impl Backend for SolverBackend {
@@ -309,6 +297,16 @@ impl Backend for SolverBackend {
 
     fn is_taken(&self, slot: Slot) -> bool {
         slot.0 < self.capacity() && self.residents.links.is_taken(slot.0 as usize)
+    }
+
+    fn take_refused(&mut self, refused: &mut Vec<Slot>) -> Result<(), BackendError> {
+        self.or_on_cpu(|own| own.tell_refused(refused))
+    }
+
+    fn is_behind(&self) -> bool {
+        let has_matrix_step = self.on_rows.is_none() || self.audit.is_some();
+        self.on_rows.as_ref().is_some_and(|on_rows| on_rows.light.is_behind())
+            || self.matrix.as_ref().is_some_and(|matrix| has_matrix_step && matrix.is_behind())
     }
 
     fn clear(&mut self) -> Result<(), BackendError> {
@@ -419,14 +417,18 @@ impl Backend for SolverBackend {
                 Err(error @ BackendError::DeviceLost { .. }) => self.rescue(error)?,
                 other => other?,
             }
-        } else if !self.settings.needs_matrix() {
-            self.matrix = None;
+        } else {
+            self.end_audits();
         }
         Ok(true)
     }
 
     fn audit(&mut self) -> Result<Option<f32>, BackendError> {
         self.or_on_cpu(Self::audit_once)
+    }
+
+    fn is_audit_coming(&self) -> bool {
+        self.audit.is_some()
     }
 
     fn read_irradiance(&mut self, slots: &[Slot], out: &mut [Rgb]) -> Result<(), BackendError> {
@@ -446,6 +448,10 @@ impl Backend for SolverBackend {
 
     fn drift(&mut self, seed: u64) -> f32 {
         self.matrix.as_mut().map_or(0.0, |matrix| matrix.drift(seed))
+    }
+
+    fn poll_drift(&mut self, seed: u64) -> Result<Option<f32>, BackendError> {
+        self.or_on_cpu(|own| own.matrix.as_mut().map_or(Ok(Some(0.0)), |matrix| matrix.poll_drift(seed)))
     }
 
     fn repair(&mut self, columns_max: u32) -> Result<Repaired, BackendError> {

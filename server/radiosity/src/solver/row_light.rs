@@ -66,6 +66,14 @@ pub trait RowLight: Send {
     /// As [`Backend::read_irradiance`].
     fn read(&mut self, residents: &Residents, slots: &[Slot], out: &mut [Rgb]) -> Result<(), BackendError>;
 
+    /// As [`Backend::poll_irradiance`], of the same light. The default reads at once.
+    ///
+    /// # Errors
+    /// As [`Backend::poll_irradiance`].
+    fn poll(&mut self, residents: &Residents, slots: &[Slot], out: &mut [Rgb]) -> Result<bool, BackendError> {
+        self.read(residents, slots, out).map(|()| true)
+    }
+
     /// As [`Backend::take_news`], of the same light.
     ///
     /// # Errors
@@ -74,6 +82,11 @@ pub trait RowLight: Send {
 
     /// Whether news of light that is there is still on its way.
     fn is_news_coming(&self) -> bool {
+        false
+    }
+
+    /// As [`Backend::is_behind`].
+    fn is_behind(&self) -> bool {
         false
     }
 }

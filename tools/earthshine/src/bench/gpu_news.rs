@@ -8,6 +8,7 @@ use earthshine_gpu::{GpuBackend, GpuDevice};
 use earthshine_radiosity::{Backend, Slot};
 use earthshine_world::Rgb;
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 /// Frames whose light comes back.
@@ -40,6 +41,8 @@ pub(super) struct NewsFigures {
     news_late_frames: f64,
     /// Frames that waited because too many were on their way.
     news_waits: u64,
+    /// How often the host stood still for the device in those frames, by what for; a drift probe goes on beside them.
+    frame_waits: BTreeMap<&'static str, u64>,
     /// What the host spends on a step and on taking what has come.
     news_host_ms: f64,
     /// What it spends on a step and on all light of that step, waited for.
@@ -58,14 +61,19 @@ pub(super) fn measure(
     backend.step()?;
     let mut all = vec![Rgb::ZERO; slots.len()];
     backend.read_irradiance(slots, &mut all)?;
-    let mut news = Vec::new();
+    let (mut news, mut refused) = (Vec::new(), Vec::new());
     backend.take_news(&mut news)?;
-    let before = device.news_totals();
+    let (before, waits_before) = (device.news_totals(), device.waits());
     let frames = arguments.news_frames as usize;
     let news_host_ms = host_ms(arguments, 0..frames, slots, backend, |backend| {
         news.clear();
+        backend.poll_drift(1)?;
+        backend.take_refused(&mut refused)?;
         backend.take_news(&mut news)
     })?;
+    let mut frame_waits = device.waits();
+    frame_waits.iter_mut().for_each(|(what, count)| *count -= waits_before.get(what).unwrap_or(&0));
+    frame_waits.retain(|_, count| *count > 0);
     backend.read_irradiance(slots, &mut all)?;
     let after = device.news_totals();
     let whole_host_ms = host_ms(arguments, frames..2 * frames, slots, backend, |backend| {
@@ -78,6 +86,7 @@ pub(super) fn measure(
         whole_bytes: (3 * size_of::<f32>() * backend.capacity().next_multiple_of(64) as usize) as f64,
         news_late_frames: (after.late_frames - before.late_frames) as f64 / frames,
         news_waits: after.waits - before.waits,
+        frame_waits,
         news_host_ms,
         whole_host_ms,
     })

@@ -1,7 +1,7 @@
 //! Who comes and who goes: told to the rows, to the light over them and to the matrix that light may come from.
 
 use super::SolverBackend;
-use crate::backend::{ApplyStats, BackendError, MIN_PIVOT, Update};
+use crate::backend::{ApplyStats, BackendError, MIN_PIVOT, Slot, Update};
 use crate::solver::CpuRowLight;
 
 impl SolverBackend {
@@ -28,8 +28,24 @@ impl SolverBackend {
                     })?;
                     self.residents.remove(at);
                     self.read_last[at] = None;
+                    // Whoever has left need not be told of.
+                    self.refused.retain(|refused| refused != slot);
                 }
                 Update::Remove { .. } => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Tells whom a matrix has refused; they leave the rows, too.
+    pub(super) fn tell_refused(&mut self, refused: &mut Vec<Slot>) -> Result<(), BackendError> {
+        if let Some(matrix) = &mut self.matrix {
+            matrix.take_refused(&mut self.refused)?;
+        }
+        for slot in std::mem::take(&mut self.refused) {
+            if self.residents.links.is_taken(slot.0 as usize) {
+                self.apply_to_rows(&[Update::Remove { slot }])?;
+                refused.push(slot);
             }
         }
         Ok(())
@@ -42,7 +58,7 @@ impl SolverBackend {
             let stats = matrix.apply(updates)?;
             let is_in =
                 |update: &&Update| !matches!(update, Update::Add { slot, .. } if !matrix.is_taken(*slot));
-            // Who was refused has no links either.
+            // Who was refused at once has no links either.
             let taken: Vec<Update> = updates.iter().filter(is_in).cloned().collect();
             self.apply_to_rows(&taken)?;
             return Ok(stats);
@@ -77,6 +93,8 @@ impl SolverBackend {
         self.matrix.as_mut().map_or(Ok(()), |matrix| matrix.clear())?;
         self.residents.clear();
         self.read_last.fill(None);
+        self.refused.clear();
+        self.audit = None;
         self.changed = true;
         let Some(on_rows) = &mut self.on_rows else { return Ok(()) };
         let settings = on_rows.current(&self.settings);

@@ -33,12 +33,22 @@ impl SolverBackend {
         }
     }
 
+    /// Nobody audits any more.
+    pub(super) fn end_audits(&mut self) {
+        self.audit = None;
+        if !self.settings.needs_matrix() {
+            self.matrix = None;
+        }
+    }
+
     /// Brings patches that the matrix lacks into it. Returns whether it is whole.
     pub(super) fn complete_matrix(&mut self) -> Result<bool, BackendError> {
         let Some(matrix) = &mut self.matrix else { return Ok(false) };
         let links = &self.residents.links;
+        // Who was refused would be offered for ever.
+        let is_missing = |slot: Slot| !matrix.is_taken(slot) && !self.refused.contains(&slot);
         let missing = (0..links.capacity())
-            .filter(|&slot| links.is_taken(slot) && !matrix.is_taken(Slot(slot as u32)))
+            .filter(|&slot| links.is_taken(slot) && is_missing(Slot(slot as u32)))
             .take(MATRIX_ADDS_A_STEP);
         let mut entering = vec![false; links.capacity()];
         let mut updates = Vec::new();
@@ -63,17 +73,12 @@ impl SolverBackend {
         self.is_matrix_behind = true;
         let stats = matrix.apply(&updates)?;
         if stats.weak_pivots > 0 {
-            // It would be offered for ever. Light of a loop without loss is of no use to anyone.
-            let refused: Vec<Update> = updates
-                .iter()
-                .filter_map(|update| match update {
-                    Update::Add { slot, .. } if !matrix.is_taken(*slot) => {
-                        Some(Update::Remove { slot: *slot })
-                    }
-                    _ => None,
-                })
-                .collect();
-            self.apply_to_rows(&refused)?;
+            // Light of a loop without loss is of no use to anyone: who is refused leaves the rows, too, once that is told.
+            let offered = updates.iter().filter_map(|update| match update {
+                Update::Add { slot, .. } => Some(*slot),
+                Update::Remove { .. } => None,
+            });
+            self.refused.extend(offered.filter(|&slot| !matrix.is_taken(slot)));
         }
         Ok(false)
     }

@@ -42,6 +42,7 @@ impl SolverBackend {
         let light = CpuRowLight::new(&self.residents, &made_for, &self.light_to_go_on_from());
         self.on_rows = Some(OnRows { made_for, light: Box::new(light) });
         self.matrix = None;
+        self.audit = None;
         self.is_matrix_behind = true;
         self.is_displaced = is_waiting;
         self.changed = true;
