@@ -76,6 +76,11 @@ fn a_lost_device_is_an_error_of_every_call() {
     backend.apply(&[add(0)]).expect("a free slot");
     backend.set_sources(&[Slot(0)], &[Rgb::ONE], &[Rgb::ONE]).expect("taken");
     backend.step().expect("a device that works");
+    let waits = device.waits();
+    backend.read_irradiance(&[Slot(0)], &mut [Rgb::ZERO]).expect("taken");
+    assert!(device.waits() != waits, "whoever reads at once waits, and that is counted");
+    backend.set_sources(&[Slot(0)], &[Rgb::ZERO], &[Rgb::ONE]).expect("taken");
+    backend.step().expect("a device that works");
     device.destroy();
     assert!(device.is_lost());
     let is_lost = |result: Result<(), BackendError>| matches!(result, Err(BackendError::DeviceLost { .. }));
@@ -146,8 +151,8 @@ async fn a_flight_waits_for_nothing_on_the_device() {
         let device = served.device.get().expect("a device computes");
         let before = (device.waits(), served.metric("earthshine_gpu_waits_total").await);
         let swaps_before = served.metric("earthshine_engine_patches_added_total").await;
-        for step in 0..240 {
-            let x = 8.0 - 6.0 * (step as f32 / 40.0).cos();
+        for step in 0..240u16 {
+            let x = 8.0 - 6.0 * (f32::from(step) / 40.0).cos();
             let camera = Camera { position: at(x), forward: Vec3::X, velocity: Vec3::ZERO };
             client.set_camera(camera).expect("the session is open");
             tokio::time::sleep(Duration::from_millis(10)).await;
@@ -155,7 +160,6 @@ async fn a_flight_waits_for_nothing_on_the_device() {
         settled_at(&mut client, at(14.0)).await;
         let after = (device.waits(), served.metric("earthshine_gpu_waits_total").await);
         assert_eq!(after, before, "{method}");
-        assert!(before.1 > 0.0 || device.subgroup_lanes().is_none(), "opening waits, and that is counted");
         let swaps = served.metric("earthshine_engine_patches_added_total").await - swaps_before;
         assert!(swaps > 100.0, "{method}: {swaps} patches came");
         let told = match method {

@@ -212,8 +212,8 @@ impl Backend for GpuBackend {
     }
 
     fn take_refused(&mut self, refused: &mut Vec<Slot>) -> Result<(), BackendError> {
-        self.news.collect(self.matrix.device())?;
-        self.note_refused();
+        // As far as news was taken: what else has arrived is light, too, and is told with it.
+        self.matrix.device().check()?;
         for slot in std::mem::take(&mut self.refused) {
             self.matrix.forget(slot);
             self.forget(slot);

@@ -104,8 +104,8 @@ pub trait Backend: Send {
 
     /// Appends to `refused` the slots whose patch turned out to have a weak pivot; they are free from now on. Of a patch
     /// that was removed meanwhile, or whose slot has another patch, nothing is said. Does not wait: who refuses somebody
-    /// late tells it after the [`step`](Self::step) that follows, with or before the light of that step. The default is
-    /// for those who refuse at once.
+    /// late knows of it from the [`take_news`](Self::take_news) on that tells the light of the step that follows. The default
+    /// is for those who refuse at once.
     ///
     /// # Errors
     /// [`BackendError::DeviceLost`]: `refused` is as it was.

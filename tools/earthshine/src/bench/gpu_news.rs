@@ -41,7 +41,7 @@ pub(super) struct NewsFigures {
     news_late_frames: f64,
     /// Frames that waited because too many were on their way.
     news_waits: u64,
-    /// How often the host stood still for the device in those frames, by what for; a drift probe goes on beside them.
+    /// How often the host stood still for the device in those frames, by what for.
     frame_waits: BTreeMap<&'static str, u64>,
     /// What the host spends on a step and on taking what has come.
     news_host_ms: f64,
@@ -67,7 +67,6 @@ pub(super) fn measure(
     let frames = arguments.news_frames as usize;
     let news_host_ms = host_ms(arguments, 0..frames, slots, backend, |backend| {
         news.clear();
-        backend.poll_drift(1)?;
         backend.take_refused(&mut refused)?;
         backend.take_news(&mut news)
     })?;

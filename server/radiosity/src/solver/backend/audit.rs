@@ -34,7 +34,8 @@ impl SolverBackend {
             self.audit = Some(audit);
             return Ok(None);
         }
-        // Refusals were told before that light.
+        // What a step of the matrix tells, nobody wants but for who was refused, which was told before that light.
+        matrix.take_news(&mut Vec::new())?;
         matrix.take_refused(&mut self.refused)?;
         let (mut gap, mut norm) = (0.0f64, 0.0f64);
         let lights = audit.slots.iter().zip(audit.found.iter().zip(&audit.exact));

@@ -1,6 +1,6 @@
 //! A matrix that tells later whom it refused and what its light is, as a device does: rows follow, and nobody is told twice.
 
-use super::SolverBackend;
+use super::{MatrixFactory, SolverBackend};
 use crate::backend::{ApplyStats, Backend, BackendError, Slot, StepStats, Update};
 use crate::cpu::CpuBackend;
 use crate::solver::{Method, SolverSettings};
@@ -103,7 +103,7 @@ impl Backend for LateMatrix {
 
 fn backend(method: Method, is_late: bool) -> SolverBackend {
     let settings = SolverSettings { method, ..SolverSettings::default() };
-    let make = Box::new(move |slots| {
+    let make: MatrixFactory = Box::new(move |slots| {
         let inner = CpuBackend::new(slots).expect("a small matrix");
         let late = |inner| LateMatrix { inner, refused: BTreeSet::new(), is_asked: false };
         Ok(if is_late { Box::new(late(inner)) as Box<dyn Backend> } else { Box::new(inner) })
@@ -161,7 +161,9 @@ fn whom_an_audit_refuses_is_told() {
         assert_eq!(refused(&mut backend), [Slot(1)], "late: {is_late}");
         assert!(!backend.is_taken(Slot(1)) && backend.links().row(0).is_empty());
         assert_eq!(refused(&mut backend), []);
-        (0..50).for_each(|_| drop(backend.step().expect("the CPU works")));
+        for _ in 0..50 {
+            backend.step().expect("the CPU works");
+        }
         let mut audit = backend.audit().expect("the CPU works");
         assert_eq!((audit.is_none(), backend.is_audit_coming()), (is_late, is_late));
         audit = audit.or(backend.audit().expect("the CPU works"));
