@@ -4,6 +4,7 @@
 //! Twins name the kernels that they run, and are held to it; a kernel that nobody names fails
 //! [`every_kernel_has_a_twin`]. Numbers around what a kernel is given are watched: it may write none of them.
 
+mod block;
 mod light;
 mod matrix;
 mod news;
@@ -72,7 +73,7 @@ fn hold_on(device: &GpuDevice, twins: &[Twin]) {
 
 #[test]
 fn every_kernel_has_a_twin() {
-    let twins = [light::TWINS, matrix::TWINS, news::TWINS, shots::TWINS, tables::TWINS];
+    let twins = [block::TWINS, light::TWINS, matrix::TWINS, news::TWINS, shots::TWINS, tables::TWINS];
     let kernels = twins.into_iter().flatten().flat_map(|twin| twin.kernels).copied();
     for (kernel, file) in &ELSEWHERE {
         assert!(file.contains("for count in [0, 1, 63, 64, 65, "), "{}", kernel.name);
