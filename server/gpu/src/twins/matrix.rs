@@ -1,6 +1,6 @@
 //! Kernels of the local matrix: products and sums in `f64`, moves to the bit.
 
-use super::{Bench, Twin, assert_near, bytes, entries, floats, hold, random, randoms, residents, values};
+use super::{Bench, Twin, assert_near, bytes, entries, floats, hold, random, randoms, residents};
 use crate::plane::stripe_at;
 use crate::recorder::folded;
 use earthshine_shaders::host::{ExchangeEntry, Member, Pass, Resident, StripeMarks};
