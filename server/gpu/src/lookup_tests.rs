@@ -180,7 +180,7 @@ fn on_device(device: &GpuDevice, volumes: &[Volume], places: &[(Vec3, Vec3)]) ->
         entries: &entries,
     });
     let bytes = contents[4].len() as u64;
-    let found = read_now(device, &buffers[4], bytes, |encoder| {
+    let found = read_now(device, "test", &buffers[4], bytes, |encoder| {
         let mut pass = encoder.begin_compute_pass(&Default::default());
         pass.set_pipeline(&pipeline);
         pass.set_bind_group(0, &group, &[]);
