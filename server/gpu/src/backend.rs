@@ -128,9 +128,8 @@ impl GpuBackend {
                 Update::Add { slot, reflectance, area, row, column: _ } => {
                     arrivals.push(Arrival { slot: *slot, reflectance: *reflectance, area: *area, row });
                 }
-                // A patch that was refused earlier in the batch has left already.
-                Update::Remove { slot } if self.matrix.is_taken(*slot) => leaving.push(*slot),
-                Update::Remove { .. } => {}
+                // Also one that the device has refused, and has not told.
+                Update::Remove { slot } => leaving.push(*slot),
             }
         }
         self.matrix.add_block(&arrivals)?;
