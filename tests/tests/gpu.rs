@@ -96,8 +96,8 @@ fn a_lost_device_is_an_error_of_every_call() {
     assert!(is_lost(GpuBackend::new(&device, 8).map(drop)));
 }
 
-/// Goal: no half of a block is ever told. Method: the device is lost when some of two blocks is known, who is refused among
-/// them, and the rest is on its way; nothing is told of anybody after that.
+/// Goal: no half of a block is ever told. Method: the device is lost when news of one block, some of whom it
+/// refuses, is on its way, and a second block is handed over; nothing is told of anybody after that.
 #[test]
 fn of_a_block_that_a_device_was_lost_in_nothing_is_told() {
     let Some(device) = device_or_skip() else { return };

@@ -344,7 +344,10 @@ impl LevelView {
         if local.backend.is_behind() {
             return Ok(());
         }
-        if local.swaps_since_probe >= config.drift_probe_every_swaps && !local.is_probing {
+        if local.swaps_since_probe >= config.drift_probe_every_swaps
+            && !local.is_probing
+            && !local.is_repairing
+        {
             local.swaps_since_probe = 0;
             local.is_probing = true;
         }

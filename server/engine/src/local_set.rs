@@ -297,6 +297,8 @@ impl LocalSet {
         self.moved.clear();
         // What is asked of those who left is not to stand in the way of who comes.
         self.asked = AskedLight::default();
+        // Nor is what was found of a matrix that is no more to be mended in the next.
+        (self.is_probing, self.is_repairing, self.swaps_since_probe) = (false, false, 0);
         self.free = (0..self.capacity()).collect();
         self.is_order_old = true;
         self.needs_step = true;

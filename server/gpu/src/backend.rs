@@ -37,8 +37,8 @@ pub struct GpuBackend {
     refused: BTreeSet<Slot>,
     /// The newest step whose refusals were looked at.
     heard: u64,
-    /// Of the light that was sent for, a flag for each slot asked for: the step had evaluated its patch.
-    are_polled_known: Vec<bool>,
+    /// Whose light was sent for, and whether the step had evaluated their patches.
+    polled: (Vec<Slot>, Vec<bool>),
     /// Slots that the last step evaluated.
     current: Vec<bool>,
     lit_columns: u32,
@@ -75,7 +75,7 @@ impl GpuBackend {
             interest: Interest::default(),
             refused: BTreeSet::new(),
             heard: 0,
-            are_polled_known: Vec::new(),
+            polled: (Vec::new(), Vec::new()),
             current: vec![false; slots],
             lit_columns: 0,
             changed: true,
@@ -133,6 +133,8 @@ impl GpuBackend {
             }
         }
         self.matrix.add_block(&arrivals)?;
+        // Who was refused in a slot is refused for the device until somebody comes there: that is not meant for who comes now.
+        arrivals.iter().for_each(|arrival| self.news.forget(arrival.slot.0 as usize));
         self.matrix.remove_block(&leaving)?;
         for slot in &leaving {
             self.refused.remove(slot);
@@ -211,8 +213,8 @@ impl Backend for GpuBackend {
     }
 
     fn take_refused(&mut self, refused: &mut Vec<Slot>) -> Result<(), BackendError> {
-        // As far as news was taken: what else has arrived is light, too, and is told with it.
-        self.matrix.device().check()?;
+        // What arrives now makes room for the next step; who is refused by it is told with its light, when that is taken.
+        self.news.collect(self.matrix.device())?;
         for slot in std::mem::take(&mut self.refused) {
             self.matrix.forget(slot);
             self.forget(slot);
@@ -318,13 +320,15 @@ impl Backend for GpuBackend {
 
     fn poll_irradiance(&mut self, slots: &[Slot], out: &mut [Rgb]) -> Result<bool, BackendError> {
         slot_check::one_each(slots, out.len())?;
-        if !self.matrix.is_light_coming() {
+        // Light that somebody sent for and did not wait for is nobody else's.
+        if !self.matrix.is_light_coming() || self.polled.0 != slots {
             slot_check::all_taken(slots, self.capacity(), |slot| self.is_taken(slot))?;
-            self.are_polled_known = slots.iter().map(|slot| self.news.is_known(slot.0 as usize)).collect();
+            let are_known = slots.iter().map(|slot| self.news.is_known(slot.0 as usize)).collect();
+            self.polled = (slots.to_vec(), are_known);
             self.matrix.send_for_light()?;
         }
         let Some(light) = self.matrix.light()? else { return Ok(false) };
-        for ((slot, out), &is_known) in slots.iter().zip(out).zip(&self.are_polled_known) {
+        for ((slot, out), &is_known) in slots.iter().zip(out).zip(&self.polled.1) {
             *out = if is_known { Self::rgb(&light, slot.0 as usize) } else { Rgb::ZERO };
         }
         Ok(true)
@@ -338,7 +342,8 @@ impl Backend for GpuBackend {
     }
 
     fn is_settled(&self) -> bool {
-        !self.news.is_coming() && self.refused.is_empty()
+        let is_heard = self.news.words().is_none_or(|(step, _)| step == self.heard);
+        self.news.is_told() && is_heard && self.refused.is_empty()
     }
 
     /// Infinite if the device is lost.

@@ -71,8 +71,19 @@ pub(super) fn a_loop_without_loss_is_refused_and_counted(backend: &mut dyn Backe
     assert_eq!(refused, []);
     backend.apply(&[remove.clone(), mirror(0)]).expect("within the contract");
     backend.step().expect("a device that works");
-    let takes_over = if backend.is_taken(Slot(0)) { vec![remove, plain()] } else { vec![plain()] };
+    let takes_over = if backend.is_taken(Slot(0)) { vec![remove.clone(), plain()] } else { vec![plain()] };
     assert_eq!(refused_of(backend, &takes_over), []);
+    // Nor by a step that came after the refusal was told, and before somebody else came.
+    if backend.capacity() > 2 {
+        assert_eq!(refused_of(backend, &[remove, mirror(0)]), [Slot(0)]);
+        backend.apply(&[Update::Remove { slot: Slot(1) }]).expect("a resident");
+        backend.step().expect("a device that works");
+        backend.apply(&[plain()]).expect("a free slot");
+        // Hears of that step.
+        read(backend, &[Slot(0)]);
+        hear_out(backend, &mut refused);
+        assert_eq!(refused, []);
+    }
     assert_eq!(lit(backend, &[Slot(0)], &[Rgb::ONE], &[Rgb::ONE]), [Rgb::ONE]);
 }
 

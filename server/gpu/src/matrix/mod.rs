@@ -2,8 +2,8 @@
 //!
 //! The formulas are those of `radiosity::local_matrix`. All of it runs in kernels, one submission a block, and nobody waits:
 //! who enters, the device decides by the pivots it meets. So who is where is known there; the host keeps what it asked for,
-//! and is told later who was refused, by bits that come with light. Until then a refused patch is a slot of the host's whose row
-//! and column are zero, and kernels pass it over as they pass over free slots.
+//! and is told later who was refused, by bits that come with light. Until then a refused patch is a slot of the host's that has
+//! no resident on the device: kernels pass it over as they pass over free slots, whatever its row and column hold.
 //!
 //! | file | holds |
 //! |---|---|

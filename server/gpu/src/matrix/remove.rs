@@ -2,6 +2,7 @@
 
 use super::GpuMatrix;
 use super::block::{EXCHANGE_PLANE, columns_stride};
+use crate::readback::Later;
 use earthshine_radiosity::{BackendError, Slot};
 use earthshine_shaders::host::{Pass, Resident};
 
@@ -38,7 +39,7 @@ impl GpuMatrix {
         self.shrink();
     }
 
-    /// Everybody leaves: what there was is zeroed.
+    /// Everybody leaves: what there was is zeroed, and light and probes of it that are on their way are forgotten.
     ///
     /// # Errors
     /// [`BackendError::DeviceLost`]: everybody is still there.
@@ -48,6 +49,7 @@ impl GpuMatrix {
         planes.chain([&buffers.residents, &buffers.refused]).for_each(|buffer| recorder.clear(buffer));
         recorder.submit()?;
         self.residents.fill(Resident::default());
+        (self.light, self.probed) = (Later::default(), Later::default());
         (self.extent, self.repair_from) = (0, 0);
         Ok(())
     }

@@ -180,6 +180,11 @@ impl News {
         !self.flights.is_empty()
     }
 
+    /// Whether all that there was to be told has arrived and was taken.
+    pub(crate) fn is_told(&self) -> bool {
+        !self.is_coming() && self.waiting.list.is_empty()
+    }
+
     /// Whether room for the news of another step has to be waited for, as far as was looked.
     pub(crate) fn is_full(&self) -> bool {
         self.idle.is_empty()

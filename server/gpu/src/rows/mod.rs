@@ -465,7 +465,11 @@ impl RowLight for GpuRowLight {
     }
 
     fn is_news_coming(&self) -> bool {
-        self.news.is_coming()
+        !self.news.is_told()
+    }
+
+    fn collect(&mut self) -> Result<(), BackendError> {
+        self.news.collect(&self.device)
     }
 
     fn is_behind(&self) -> bool {

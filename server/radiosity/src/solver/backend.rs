@@ -451,7 +451,13 @@ impl Backend for SolverBackend {
     }
 
     fn poll_drift(&mut self, seed: u64) -> Result<Option<f32>, BackendError> {
-        self.or_on_cpu(|own| own.matrix.as_mut().map_or(Ok(Some(0.0)), |matrix| matrix.poll_drift(seed)))
+        self.or_on_cpu(|own| {
+            match own.matrix.as_mut().map_or(Ok(Some(0.0)), |matrix| matrix.poll_drift(seed)) {
+                // The matrix is no worse for not being measured; the next tick asks again.
+                Err(BackendError::OutOfMemory { .. }) => Ok(None),
+                told => told,
+            }
+        })
     }
 
     fn repair(&mut self, columns_max: u32) -> Result<Repaired, BackendError> {

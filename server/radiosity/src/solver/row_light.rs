@@ -80,12 +80,20 @@ pub trait RowLight: Send {
     /// As [`Backend::take_news`].
     fn take_news(&mut self, residents: &Residents, news: &mut Vec<(Slot, Rgb)>) -> Result<(), BackendError>;
 
-    /// Whether news of light that is there is still on its way.
+    /// Whether news of light that is there is still on its way, or was not taken yet.
     fn is_news_coming(&self) -> bool {
         false
     }
 
-    /// As [`Backend::is_behind`].
+    /// Takes in what has arrived, so that it no longer holds up the next step; it is told by [`Self::take_news`].
+    ///
+    /// # Errors
+    /// As [`Backend::take_news`].
+    fn collect(&mut self) -> Result<(), BackendError> {
+        Ok(())
+    }
+
+    /// As [`Backend::is_behind`], as far as was collected.
     fn is_behind(&self) -> bool {
         false
     }

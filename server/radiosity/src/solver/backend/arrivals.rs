@@ -39,6 +39,9 @@ impl SolverBackend {
 
     /// Tells whom a matrix has refused; they leave the rows, too.
     pub(super) fn tell_refused(&mut self, refused: &mut Vec<Slot>) -> Result<(), BackendError> {
+        if let Some(on_rows) = &mut self.on_rows {
+            on_rows.light.collect()?;
+        }
         if let Some(matrix) = &mut self.matrix {
             matrix.take_refused(&mut self.refused)?;
         }

@@ -28,13 +28,14 @@ impl SolverBackend {
             return Ok(None);
         };
         let Audit { slots, exact, has_exact, found, has_found } = &mut audit;
-        *has_exact = *has_exact || matrix.poll_irradiance(slots, exact)?;
-        *has_found = *has_found || on_rows.light.poll(&self.residents, slots, found)?;
+        *has_exact = *has_exact || measured(matrix.poll_irradiance(slots, exact))?;
+        *has_found = *has_found || measured(on_rows.light.poll(&self.residents, slots, found))?;
         if !(*has_exact && *has_found) {
             self.audit = Some(audit);
             return Ok(None);
         }
-        // What a step of the matrix tells, nobody wants but for who was refused, which was told before that light.
+        // What a step of the matrix tells, nobody wants but for who was refused. A device tells that before the light as a rule; one
+        // that has much to tell may be later, and its audit counts whom it has refused.
         matrix.take_news(&mut Vec::new())?;
         matrix.take_refused(&mut self.refused)?;
         let (mut gap, mut norm) = (0.0f64, 0.0f64);
@@ -59,5 +60,13 @@ impl SolverBackend {
             (0..self.residents.links.capacity() as u32).map(Slot).filter(is_meant).collect();
         let dark = vec![Rgb::ZERO; slots.len()];
         Ok(Some(Audit { slots, exact: dark.clone(), has_exact: false, found: dark, has_found: false }))
+    }
+}
+
+/// Whether a measurement was told. For want of memory it is not, and what was to be measured goes on all the same.
+fn measured(told: Result<bool, BackendError>) -> Result<bool, BackendError> {
+    match told {
+        Err(BackendError::OutOfMemory { .. }) => Ok(false),
+        told => told,
     }
 }
