@@ -169,7 +169,7 @@ async fn fly(arguments: &FlightArguments, options: &FlyOptions, observer: Observ
             _ = samples.tick() => {
                 ticks.extend(observer.take_ticks());
                 let at = (began.elapsed().as_secs_f64() / lap.as_secs_f64()) as u32;
-                footprint.look(at);
+                footprint.look(at, observer.memory());
                 if arguments.cold && at >= laps_begun && at < arguments.laps {
                     laps_begun = at + 1;
                     footprint.dropped_bytes += drop_pages(&arguments.world)?;
