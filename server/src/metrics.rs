@@ -356,7 +356,11 @@ fn gauges(report: &EngineReport) -> Vec<(&'static str, &'static str, f64)> {
         ("spare_tile_bytes", "Of that, of tiles that no camera wants", memory.spare_tile_bytes as f64),
         ("matrix_bytes", "Memory of local matrices", memory.matrix_bytes as f64),
         ("row_bytes", "Memory of form factors between residents", memory.row_bytes as f64),
-        ("resident_bytes", "Memory of resident patches and how their rows split", memory.resident_bytes as f64),
+        (
+            "resident_bytes",
+            "Memory of resident patches and how their rows split",
+            memory.resident_bytes as f64,
+        ),
         ("receiver_bytes", "Memory of receivers and their light", memory.receiver_bytes as f64),
         ("frame_bytes", "Memory of the newest frames", memory.frame_bytes as f64),
         ("parent_bytes", "Memory of ancestors kept for tiles to come", report.memory.parent_bytes as f64),

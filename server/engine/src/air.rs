@@ -196,7 +196,9 @@ impl AirSet {
                 self.let_go(gone);
             }
             match before.next_if(|voxel| voxel.place.to_array() == place) {
-                Some(kept) if candidate.is_as(&kept) => chosen.push(AirVoxel { rank: candidate.rank, ..kept }),
+                Some(kept) if candidate.is_as(&kept) => {
+                    chosen.push(AirVoxel { rank: candidate.rank, ..kept })
+                }
                 other => {
                     other.into_iter().for_each(|gone| self.let_go(gone));
                     chosen.push(self.fresh(candidate, table));
@@ -331,11 +333,13 @@ impl AirSet {
         let teller = Teller::new(local, self.detail, grid);
         let mut rest = &sums[..];
         for (key, chunk) in asked.voxels {
-            let run = chunk.receivers.places[key.1..].chunk_by(|a, b| a.voxel == b.voxel).next().unwrap_or(&[]);
+            let run =
+                chunk.receivers.places[key.1..].chunk_by(|a, b| a.voxel == b.voxel).next().unwrap_or(&[]);
             let (own, others) = rest.split_at(run.len());
             rest = others;
             let place = run.first().map(|receiver| receiver.voxel.to_array());
-            let found = place.map(|place| self.voxels.binary_search_by_key(&place, |voxel| voxel.place.to_array()));
+            let found =
+                place.map(|place| self.voxels.binary_search_by_key(&place, |voxel| voxel.place.to_array()));
             let Some(Ok(at)) = found else { continue };
             let voxel = &mut self.voxels[at];
             if voxel.key() == key && Arc::ptr_eq(&voxel.chunk, &chunk) {

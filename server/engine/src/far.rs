@@ -301,7 +301,9 @@ impl<'a> FarSenders<'a> {
     pub(crate) fn sent(&self, place: usize, patch: usize) -> Vec4 {
         let SendingChunk { parents, ancestry, first } = &self.chunks[place];
         // One that is not listed has no parent.
-        let Some(&parent) = parents.as_ref().and_then(|parents| parents.get(patch)) else { return Vec4::ZERO };
+        let Some(&parent) = parents.as_ref().and_then(|parents| parents.get(patch)) else {
+            return Vec4::ZERO;
+        };
         self.sent.0[first + patch].get(|| ancestry.exitance(usize::from(parent)))
     }
 }

@@ -458,7 +458,8 @@ impl LevelView {
             if let Some(local) = &mut self.local {
                 local.sort_for_frames();
                 let lights = local.in_frame_order();
-                self.telling.extend(lights.filter_map(|resident| patch_light(resident, voxel_edge_m, &relight)));
+                self.telling
+                    .extend(lights.filter_map(|resident| patch_light(resident, voxel_edge_m, &relight)));
             }
             is_new = self.telling[..] != self.published[..];
             if is_new {

@@ -150,10 +150,7 @@ impl LocalMatrix {
     #[must_use]
     pub fn held_bytes(&self) -> HeldBytes {
         let planes: usize = self.planes.iter().map(|plane| size_of_val(&**plane)).sum();
-        HeldBytes {
-            matrix: (planes + self.workspace.bytes()) as u64,
-            rows: self.rows.bytes() as u64,
-        }
+        HeldBytes { matrix: (planes + self.workspace.bytes()) as u64, rows: self.rows.bytes() as u64 }
     }
 
     /// Number of slots.
