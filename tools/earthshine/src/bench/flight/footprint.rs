@@ -33,6 +33,25 @@ pub(super) struct LapMemory {
 }
 
 impl LapMemory {
+    /// What is printed of a lap, one line each.
+    pub(super) const COLUMNS: [(&'static str, fn(&Self) -> u64); 15] = [
+        ("resident", |lap| lap.resident_bytes),
+        ("mapped files", |lap| lap.mapped_bytes),
+        ("heap, resident", |lap| lap.heap.map_or(0, |heap| heap.resident_bytes)),
+        ("heap, active", |lap| lap.heap.map_or(0, |heap| heap.active_bytes)),
+        ("heap, allocated", |lap| lap.heap.map_or(0, |heap| heap.allocated_bytes)),
+        ("tiles", |lap| lap.stores.engine.tile_bytes),
+        ("spare tiles", |lap| lap.stores.engine.spare_tile_bytes),
+        ("matrices", |lap| lap.stores.engine.matrix_bytes),
+        ("rows", |lap| lap.stores.engine.row_bytes),
+        ("resident patches", |lap| lap.stores.engine.resident_bytes),
+        ("receivers", |lap| lap.stores.engine.receiver_bytes),
+        ("frames", |lap| lap.stores.engine.frame_bytes),
+        ("parents", |lap| lap.stores.parent_bytes),
+        ("told", |lap| lap.stores.told_bytes),
+        ("others", |lap| lap.others_bytes),
+    ];
+
     fn now(stores: ServerMemory) -> Self {
         let [resident_bytes, mapped_bytes] = resident_bytes();
         let heap = memory::heap();
