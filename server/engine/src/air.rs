@@ -197,7 +197,7 @@ impl AirSet {
             }
             match before.next_if(|voxel| voxel.place.to_array() == place) {
                 Some(kept) if candidate.is_as(&kept) => {
-                    chosen.push(AirVoxel { rank: candidate.rank, ..kept })
+                    chosen.push(AirVoxel { rank: candidate.rank, ..kept });
                 }
                 other => {
                     other.into_iter().for_each(|gone| self.let_go(gone));
