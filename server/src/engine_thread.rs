@@ -7,7 +7,7 @@
 
 use crate::loaded_engine::LoadedEngine;
 use crate::metrics::Metrics;
-use crate::observer::{TickLog, TickSample};
+use crate::observer::{ServerMemory, TickLog, TickSample};
 use crate::pace::{News, Pace};
 use crate::publish::Answered;
 use crate::solver_wish::SolverWish;
@@ -22,6 +22,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use tokio::sync::{mpsc, oneshot, watch};
+
+/// How often what is held in memory is added up.
+const MEMORY_PERIOD: Duration = Duration::from_millis(100);
 
 /// A frame on its way to a session, and the camera that it answers.
 #[derive(Debug, Clone)]
@@ -87,6 +90,8 @@ pub(crate) struct EngineReport {
     pub(crate) time_s: f64,
     /// Tiles asked for and not answered.
     pub(crate) tiles_pending: usize,
+    /// Who held how much when that was last added up.
+    pub(crate) memory: ServerMemory,
     /// When the tick ended; `None` before the first.
     pub(crate) ticked: Option<Instant>,
 }
@@ -176,6 +181,8 @@ struct Running {
     takeover: Option<Takeover>,
     events: Vec<Event>,
     pace: Pace,
+    memory: ServerMemory,
+    memory_added_up: Option<Instant>,
 }
 
 impl EngineThread {
@@ -202,6 +209,8 @@ impl EngineThread {
             takeover: None,
             events: Vec::new(),
             pace: Pace::new(1.0 / period.as_secs_f64().max(1e-6)),
+            memory: ServerMemory::default(),
+            memory_added_up: None,
         };
         let mut due = Instant::now();
         while !stop.load(Ordering::Acquire) {
@@ -254,6 +263,7 @@ impl Running {
         let tick_s = began.elapsed().as_secs_f64();
         self.keep_pace(tick_s, done.swap_work);
         self.shell.metrics.tick_seconds.observe(tick_s);
+        self.add_up_memory();
         let LoadedEngine { engine, requests, .. } = &self.shell.running;
         let stats = engine.stats();
         let missing_near = stats.sessions.iter().map(|session| session.missing_near).max().unwrap_or(0);
@@ -264,8 +274,22 @@ impl Running {
             tick_s,
             time_s,
             tiles_pending: requests.pending(),
+            memory: self.memory,
             ticked: Some(Instant::now()),
         });
+    }
+
+    /// Once in [`MEMORY_PERIOD`]: it looks at every resident patch.
+    fn add_up_memory(&mut self) {
+        if self.memory_added_up.is_some_and(|then| then.elapsed() < MEMORY_PERIOD) {
+            return;
+        }
+        self.memory_added_up = Some(Instant::now());
+        self.memory = ServerMemory {
+            engine: self.shell.running.engine.memory(),
+            parent_bytes: self.shell.running.requests.parents_bytes() as u64,
+            told_bytes: u64::try_from(self.shell.metrics.told_bytes.get()).unwrap_or(0),
+        };
     }
 
     /// Has the engine do what a tick has time for, and promise what it can keep at the rate at which busy ticks really come.

@@ -57,7 +57,7 @@ mod world_watch;
 
 pub use config::{BackendKind, Config, ConfigError, ServeArgs};
 pub use device_source::{CurrentDevice, DeviceCounts};
-pub use earthshine_engine::{EngineStats, Promise, ViolationCauses};
+pub use earthshine_engine::{EngineMemory, EngineStats, Promise, ViolationCauses};
 pub use error::ServerError;
-pub use observer::{Observer, TickSample};
+pub use observer::{Observer, ServerMemory, TickSample};
 pub use server::{Server, run};

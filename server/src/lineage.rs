@@ -38,6 +38,11 @@ impl Known {
 }
 
 impl LineageCache {
+    /// Memory of what is known, bytes.
+    pub(crate) fn bytes(&self) -> usize {
+        self.known.lock().unwrap_or_else(PoisonError::into_inner).bytes
+    }
+
     /// The ancestors of every patch that the rows of `chunk` lead to, those of its receivers included.
     pub(crate) fn of(&self, store: &dyn TileStore, chunk: &Chunk) -> Arc<Lineage> {
         let mut lineage = Lineage::default();

@@ -42,6 +42,8 @@ pub(crate) struct Metrics {
     pub(crate) deltas: Counter,
     /// Voxels in them.
     pub(crate) delta_voxels: Counter,
+    /// Memory of what clients were told, bytes.
+    pub(crate) told_bytes: Gauge,
     /// Frames that clients were too slow for.
     pub(crate) frames_skipped: Counter,
     /// Tiles handed to the engine.
@@ -85,6 +87,7 @@ impl Metrics {
             cameras_superseded: Counter::default(),
             deltas: Counter::default(),
             delta_voxels: Counter::default(),
+            told_bytes: Gauge::default(),
             frames_skipped: Counter::default(),
             tiles_loaded: Counter::default(),
             tiles_failed: Counter::default(),
@@ -129,6 +132,7 @@ impl Metrics {
         }
         self.registry.register("connections", "TCP connections now", self.connections.clone());
         self.registry.register("sessions", "Sessions now", self.sessions.clone());
+        self.registry.register("told_bytes", "Memory of what clients were told", self.told_bytes.clone());
         self.registry.register("tile_seconds", "Time to read and decode a tile", self.tile_seconds.clone());
         self.registry.register("tick_seconds", "Time of a tick", self.tick_seconds.clone());
     }
@@ -335,7 +339,7 @@ fn counters(counted: &Counters) -> Vec<(&'static str, &'static str, u64)> {
 
 /// Name, help and value of what goes up and down.
 fn gauges(report: &EngineReport) -> Vec<(&'static str, &'static str, f64)> {
-    let stats = &report.stats;
+    let (stats, memory) = (&report.stats, &report.memory.engine);
     let sum = |of: fn(&SessionStats) -> u32| {
         stats.sessions.iter().map(|session| u64::from(of(session))).sum::<u64>() as f64
     };
@@ -349,6 +353,17 @@ fn gauges(report: &EngineReport) -> Vec<(&'static str, &'static str, f64)> {
         ("chunks_leaving", "Chunks on their way out", f64::from(stats.chunks.leaving)),
         ("chunks_quarantined", "Chunks given up", f64::from(stats.chunks.quarantined)),
         ("held_bytes", "Memory of the tiles held", stats.decoded_bytes as f64),
+        ("spare_tile_bytes", "Of that, of tiles that no camera wants", memory.spare_tile_bytes as f64),
+        ("matrix_bytes", "Memory of local matrices", memory.matrix_bytes as f64),
+        ("row_bytes", "Memory of form factors between residents", memory.row_bytes as f64),
+        (
+            "resident_bytes",
+            "Memory of resident patches and how their rows split",
+            memory.resident_bytes as f64,
+        ),
+        ("receiver_bytes", "Memory of receivers and their light", memory.receiver_bytes as f64),
+        ("frame_bytes", "Memory of the newest frames", memory.frame_bytes as f64),
+        ("parent_bytes", "Memory of ancestors kept for tiles to come", report.memory.parent_bytes as f64),
         (
             "resident_patches",
             "Patches that hold slots, all sessions",

@@ -3,7 +3,7 @@
 //! Metrics for operators are in [`crate::metrics`]; those are sums, these are single ticks.
 
 use crate::engine_thread::SharedReport;
-use earthshine_engine::{EngineStats, Promise};
+use earthshine_engine::{EngineMemory, EngineStats, Promise};
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -20,6 +20,26 @@ pub struct TickSample {
     pub tick_s: f64,
     /// Most patches that any session lacks within the promised radius.
     pub missing_near: u32,
+}
+
+/// Who holds how much of the server's memory, bytes. What is taken for a moment, and what the allocator keeps, is beside it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
+pub struct ServerMemory {
+    /// Of the engine.
+    #[serde(flatten)]
+    pub engine: EngineMemory,
+    /// Ancestors of patches that the loader keeps for tiles to come.
+    pub parent_bytes: u64,
+    /// What clients were told: the codes of their volumes, from which deltas are made.
+    pub told_bytes: u64,
+}
+
+impl ServerMemory {
+    /// All of it.
+    #[must_use]
+    pub fn total_bytes(&self) -> u64 {
+        self.engine.total_bytes() + self.parent_bytes + self.told_bytes
+    }
 }
 
 /// The newest ticks, once somebody observes.
@@ -67,6 +87,12 @@ impl Observer {
     #[must_use]
     pub fn take_ticks(&self) -> Vec<TickSample> {
         self.ticks.ticks.lock().unwrap_or_else(PoisonError::into_inner).drain(..).collect()
+    }
+
+    /// Who held how much a moment ago.
+    #[must_use]
+    pub fn memory(&self) -> ServerMemory {
+        self.report.read().memory
     }
 
     /// The engine's numbers at its last tick.

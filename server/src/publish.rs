@@ -236,6 +236,11 @@ impl DeltaStore {
         self.layout_generation
     }
 
+    /// Memory of the codes, bytes.
+    pub(crate) fn bytes(&self) -> usize {
+        self.entries.capacity() * size_of::<Entry>()
+    }
+
     /// The newest generation; 0 before the first frame.
     pub(crate) fn generation(&self) -> u64 {
         self.generation

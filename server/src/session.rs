@@ -174,6 +174,7 @@ async fn converse(
             tiles_failed_before: shared.report.read().stats.counters.tile_failures,
             ..SessionCounts::default()
         },
+        told_bytes: 0,
     };
     conversation.run(inbound, outbound).await
 }
@@ -194,6 +195,14 @@ struct Conversation<'a> {
     camera_waiting: Option<(u64, Camera)>,
     camera_at: Instant,
     counts: SessionCounts,
+    /// What its streams hold, as far as it is counted in the metrics, bytes.
+    told_bytes: i64,
+}
+
+impl Drop for Conversation<'_> {
+    fn drop(&mut self) {
+        self.shared.metrics.told_bytes.dec_by(self.told_bytes);
+    }
 }
 
 impl Conversation<'_> {
@@ -308,7 +317,10 @@ impl Conversation<'_> {
         }
     }
 
-    fn send_statistics(&self, outbound: &Outbound) {
+    fn send_statistics(&mut self, outbound: &Outbound) {
+        let told_bytes = i64::try_from(self.streams.bytes()).unwrap_or(i64::MAX);
+        self.shared.metrics.told_bytes.inc_by(told_bytes - self.told_bytes);
+        self.told_bytes = told_bytes;
         let report = self.shared.report.read();
         let own = report.stats.sessions.iter().find(|own| own.session == self.session);
         let capacity = self.shared.config.engine.resident_patches_max;

@@ -71,6 +71,11 @@ impl Streams {
         self.streams.iter().all(|stream| stream.is_news)
     }
 
+    /// Memory of what the client was told, bytes.
+    pub(crate) fn bytes(&self) -> usize {
+        self.streams.iter().map(|stream| stream.store.bytes()).sum()
+    }
+
     /// Whether a volume waits and may be sent.
     pub(crate) fn may_send(&self) -> bool {
         self.streams.iter().any(Stream::may_send)

@@ -12,6 +12,7 @@ use earthshine_tiles::TileStore;
 use earthshine_world::ChunkId;
 use std::collections::{BTreeSet, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::SyncSender;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
@@ -23,6 +24,8 @@ pub(crate) struct TileRequests {
     queue: Mutex<Queue>,
     wake: Condvar,
     requests_max: usize,
+    /// Memory of the ancestors that the loader keeps, bytes.
+    parents_bytes: AtomicUsize,
 }
 
 #[derive(Debug, Default)]
@@ -37,7 +40,13 @@ struct Queue {
 impl TileRequests {
     /// Empty, with room for `requests_max`.
     pub(crate) fn new(requests_max: u32) -> Self {
-        Self { queue: Mutex::default(), wake: Condvar::new(), requests_max: requests_max as usize }
+        let (queue, wake, requests_max) = (Mutex::default(), Condvar::new(), requests_max as usize);
+        Self { queue, wake, requests_max, parents_bytes: AtomicUsize::new(0) }
+    }
+
+    /// Memory of the ancestors of patches that are kept for tiles to come, bytes.
+    pub(crate) fn parents_bytes(&self) -> usize {
+        self.parents_bytes.load(Ordering::Relaxed)
     }
 
     fn lock(&self) -> MutexGuard<'_, Queue> {
@@ -203,6 +212,7 @@ impl Worker {
                 let mesh = std::mem::take(&mut chunk.occluders);
                 let occluders = Arc::new(Occluders::build(&mesh));
                 let lineage = self.lineages.of(&self.store, &chunk);
+                self.requests.parents_bytes.store(self.lineages.bytes(), Ordering::Relaxed);
                 Some(Event::TileDecoded { chunk: Arc::new(chunk), occluders, lineage })
             }
         }

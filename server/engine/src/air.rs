@@ -9,7 +9,7 @@
 //! ([`crate::air_device`]) it takes all of them at once, and their light is told when it comes. How a row becomes light is [`crate::air_light`]'s business.
 
 use crate::air_device::AirDevice;
-use crate::air_light::{RowSources, Segment, Teller};
+use crate::air_light::{NearBy, RowSources, Segment, Teller};
 use crate::chunks::ChunkTable;
 use crate::far::FarSenders;
 use crate::local_set::LocalSet;
@@ -27,16 +27,18 @@ const STEP_VOXELS: f32 = 0.5;
 /// The receivers of one voxel.
 #[derive(Debug)]
 pub(crate) struct AirVoxel {
+    place: VoxelCoord,
+    /// How many voxels are nearer.
+    rank: u32,
     pub(crate) chunk: Arc<Chunk>,
     pub(crate) lineage: Arc<Lineage>,
     /// Rows of its receivers in the chunk.
     pub(crate) rows: Range<usize>,
     /// Generation of the patches' light that `lights` were gathered from; 0 for none yet.
     lit: u64,
-    /// Of its air, those that know enough, by direction.
-    lights: Vec<PatchLight>,
-    /// Of its surfaces, by direction, detail voxel and layer, with the coordinates of those.
-    details: Vec<PatchLight>,
+    /// Of its air, those that know enough, by direction; of its surfaces, by direction, detail voxel and layer, with the
+    /// coordinates of those.
+    told: Told,
     /// Whether detail voxels are told of at all.
     pub(crate) has_detail: bool,
 }
@@ -44,14 +46,35 @@ pub(crate) struct AirVoxel {
 /// Names a voxel's receivers: their chunk, and the first of their rows.
 pub(crate) type AirKey = (ChunkId, usize);
 
+/// Light of receivers in the air and of detail, as a frame lists it.
+#[derive(Debug, Default)]
+pub(crate) struct Told {
+    pub(crate) lights: Vec<PatchLight>,
+    pub(crate) details: Vec<PatchLight>,
+}
+
+impl Told {
+    fn clear(&mut self) {
+        self.lights.clear();
+        self.details.clear();
+    }
+
+    fn capacity(&self) -> usize {
+        self.lights.capacity() + self.details.capacity()
+    }
+}
+
 /// The receivers that one session is told of.
 #[derive(Debug, Default)]
 pub(crate) struct AirSet {
-    voxels: BTreeMap<AirKey, AirVoxel>,
-    /// Keys of all voxels, nearest first.
-    nearest_first: Vec<AirKey>,
-    /// Keys of all voxels, ascending by voxel (x, y, z).
-    by_place: Vec<AirKey>,
+    /// Ascending by voxel (x, y, z).
+    voxels: Vec<AirVoxel>,
+    /// Lists of voxels that nobody chose any more, to be used again.
+    left: Vec<Told>,
+    /// Room for what a tick tells.
+    told: Told,
+    /// Room for whose turn it is.
+    turn: Vec<Turn>,
     /// Counts changes of the patches' light.
     generation: u64,
     stale: usize,
@@ -75,12 +98,33 @@ pub(crate) struct RowsSpent {
 }
 
 impl AirVoxel {
-    /// Takes light gathered from that of generation `lit`. Returns whether it is another.
-    fn take(&mut self, (lights, details): (Vec<PatchLight>, Vec<PatchLight>), lit: u64) -> bool {
-        let is_new = lights != self.lights || details != self.details;
-        (self.lights, self.details, self.lit) = (lights, details, lit);
-        is_new
+    pub(crate) fn key(&self) -> AirKey {
+        (self.chunk.id, self.rows.start)
     }
+
+    /// Takes light gathered from that of generation `lit`. Returns whether it is another.
+    fn take(&mut self, told: &Told, lit: u64) -> bool {
+        self.lit = lit;
+        let take = |own: &mut Vec<PatchLight>, told: &[PatchLight]| {
+            let is_new = own[..] != *told;
+            if is_new {
+                own.clear();
+                own.extend_from_slice(told);
+            }
+            is_new
+        };
+        let has_lights = take(&mut self.told.lights, &told.lights);
+        take(&mut self.told.details, &told.details) || has_lights
+    }
+}
+
+/// A voxel whose light is out of date.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Turn {
+    lit: u64,
+    rank: u32,
+    /// In the list of voxels.
+    at: u32,
 }
 
 struct Near<'a> {
@@ -90,6 +134,18 @@ struct Near<'a> {
     key: AirKey,
     end: usize,
     voxel: VoxelCoord,
+    /// How many are nearer, and whether its detail is told of; known once all are sorted.
+    rank: u32,
+    has_detail: bool,
+}
+
+impl Near<'_> {
+    /// Whether `voxel` is this one, of the same tile.
+    fn is_as(&self, voxel: &AirVoxel) -> bool {
+        Arc::ptr_eq(&voxel.chunk, self.chunk)
+            && voxel.rows.start == self.key.1
+            && voxel.has_detail == self.has_detail
+    }
 }
 
 /// Detail voxels that a session is told of, at most: those of the voxels nearest to the camera.
@@ -119,28 +175,60 @@ impl AirSet {
         near.sort_unstable_by_key(|candidate| (candidate.distance, candidate.key));
         self.detail = table.detail();
         self.grid = Some(table.levels()[0].grid);
-        let mut before = std::mem::take(&mut self.voxels);
         let mut details = 0;
-        for candidate in &near {
-            let rows = candidate.key.1..candidate.end;
-            details += detail_count(candidate.chunk, rows.clone());
-            let has_detail = details <= DETAIL_VOXELS_MAX;
-            let kept = before
-                .remove(&candidate.key)
-                .filter(|kept| Arc::ptr_eq(&kept.chunk, candidate.chunk) && kept.has_detail == has_detail);
-            let chunk = || Arc::clone(candidate.chunk);
-            let (lights, details) = (Vec::new(), Vec::new());
-            let lineage =
-                || table.tile(candidate.key.0).map(|tile| Arc::clone(&tile.lineage)).unwrap_or_default();
-            let fresh =
-                || AirVoxel { chunk: chunk(), lineage: lineage(), rows, lit: 0, lights, details, has_detail };
-            self.voxels.insert(candidate.key, kept.unwrap_or_else(fresh));
+        for (candidate, rank) in near.iter_mut().zip(0u32..) {
+            candidate.rank = rank;
+            details += detail_count(candidate.chunk, candidate.key.1..candidate.end);
+            candidate.has_detail = details <= DETAIL_VOXELS_MAX;
         }
-        self.nearest_first = near.iter().map(|candidate| candidate.key).collect();
         near.sort_unstable_by_key(|candidate| candidate.voxel.to_array());
-        self.by_place = near.iter().map(|candidate| candidate.key).collect();
+        self.choose(&near, table);
         self.stale = self.stale_now();
-        self.has_news |= before.values().any(|gone| !(gone.lights.is_empty() && gone.details.is_empty()));
+    }
+
+    /// Makes the voxels of `near`, ascending, those that are told of.
+    fn choose(&mut self, near: &[Near<'_>], table: &ChunkTable) {
+        let mut chosen = Vec::with_capacity(near.len());
+        let mut before = std::mem::take(&mut self.voxels).into_iter().peekable();
+        for candidate in near {
+            let place = candidate.voxel.to_array();
+            while let Some(gone) = before.next_if(|voxel| voxel.place.to_array() < place) {
+                self.let_go(gone);
+            }
+            match before.next_if(|voxel| voxel.place.to_array() == place) {
+                Some(kept) if candidate.is_as(&kept) => {
+                    chosen.push(AirVoxel { rank: candidate.rank, ..kept });
+                }
+                other => {
+                    other.into_iter().for_each(|gone| self.let_go(gone));
+                    chosen.push(self.fresh(candidate, table));
+                }
+            }
+        }
+        before.for_each(|gone| self.let_go(gone));
+        self.voxels = chosen;
+    }
+
+    /// What it told is not to be told any more.
+    fn let_go(&mut self, gone: AirVoxel) {
+        self.has_news |= !(gone.told.lights.is_empty() && gone.told.details.is_empty());
+        self.left.push(gone.told);
+    }
+
+    fn fresh(&mut self, candidate: &Near<'_>, table: &ChunkTable) -> AirVoxel {
+        let mut told = self.left.pop().unwrap_or_default();
+        told.clear();
+        let lineage = table.tile(candidate.key.0).map(|tile| Arc::clone(&tile.lineage)).unwrap_or_default();
+        AirVoxel {
+            place: candidate.voxel,
+            rank: candidate.rank,
+            chunk: Arc::clone(candidate.chunk),
+            lineage,
+            rows: candidate.key.1..candidate.end,
+            lit: 0,
+            told,
+            has_detail: candidate.has_detail,
+        }
     }
 
     /// Whether its light may have changed since this was asked before.
@@ -164,6 +252,13 @@ impl AirSet {
     /// Voxels whose light is out of date.
     pub(crate) fn stale_count(&self) -> usize {
         self.stale
+    }
+
+    /// Memory of its voxels and their light, bytes.
+    pub(crate) fn bytes(&self) -> usize {
+        let told = self.voxels.iter().map(|voxel| &voxel.told).chain(&self.left);
+        let lights: usize = told.chain([&self.told]).map(Told::capacity).sum();
+        lights * size_of::<PatchLight>() + self.voxels.capacity() * size_of::<AirVoxel>()
     }
 
     /// Voxels told of.
@@ -190,47 +285,42 @@ impl AirSet {
         if self.stale == 0 {
             return RowsSpent::default();
         }
-        let turn = self.turn();
-        let Self { voxels, generation, device, .. } = self;
-        match device.hand_over(voxels, &turn, *generation, local, &mut far, rig) {
+        self.take_turns();
+        let Self { voxels, generation, device, turn, .. } = self;
+        let in_turn = turn.iter().map(|turn| &voxels[turn.at as usize]);
+        match device.hand_over(voxels, in_turn, *generation, local, &mut far, rig) {
             Some(elsewhere) => RowsSpent { here: 0, elsewhere },
             None => {
                 let sources = RowSources::new(local, rig, far);
-                let here = self.gather_here(&turn, sources, &Teller::new(local, self.detail, grid), rows_max);
+                let here = self.gather_here(sources, &Teller::new(local, self.detail, grid), rows_max);
                 RowsSpent { here, elsewhere: 0 }
             }
         }
     }
 
-    /// What is out of date: those whose turn was longest ago first, and among equals the nearest.
-    fn turn(&self) -> Vec<AirKey> {
-        let mut turn: Vec<(u64, usize)> = (0..self.nearest_first.len())
-            .map(|place| (self.voxels[&self.nearest_first[place]].lit, place))
-            .filter(|&(lit, _)| lit < self.generation)
-            .collect();
-        turn.sort_unstable();
-        turn.into_iter().map(|(_, place)| self.nearest_first[place]).collect()
+    /// Lists what is out of date: those whose turn was longest ago first, and among equals the nearest.
+    fn take_turns(&mut self) {
+        self.turn.clear();
+        let stale = self.voxels.iter().zip(0u32..).filter(|(voxel, _)| voxel.lit < self.generation);
+        self.turn.extend(stale.map(|(voxel, at)| Turn { lit: voxel.lit, rank: voxel.rank, at }));
+        self.turn.sort_unstable();
     }
 
-    fn gather_here(
-        &mut self,
-        turn: &[AirKey],
-        mut sources: RowSources<'_>,
-        teller: &Teller<'_>,
-        rows_max: u32,
-    ) -> u32 {
+    fn gather_here(&mut self, mut sources: RowSources<'_>, teller: &Teller<'_>, rows_max: u32) -> u32 {
         let mut spent = 0u32;
         let mut chunks: BTreeMap<ChunkId, Vec<Segment<'_>>> = BTreeMap::new();
-        for key in turn {
-            let voxel = self.voxels.get_mut(key).expect("a planned voxel is there");
+        for turn in &self.turn {
+            let voxel = &mut self.voxels[turn.at as usize];
             let cost = u32::try_from(voxel.rows.len()).unwrap_or(u32::MAX);
             if spent > 0 && spent.saturating_add(cost) > rows_max {
                 break;
             }
-            let segments = chunks.entry(key.0).or_insert_with(|| sources.segments(voxel));
-            let told =
-                teller.tell(voxel, |row, near| sources.gather(&voxel.chunk, row, segments, near.as_ref()));
-            self.has_news |= voxel.take(told, self.generation);
+            let segments = chunks.entry(voxel.chunk.id).or_insert_with(|| sources.segments(voxel));
+            self.told.clear();
+            let gather =
+                |row, near: Option<NearBy<'_>>| sources.gather(&voxel.chunk, row, segments, near.as_ref());
+            teller.tell(voxel, gather, &mut self.told);
+            self.has_news |= voxel.take(&self.told, self.generation);
             spent = spent.saturating_add(cost);
             self.stale -= 1;
         }
@@ -243,38 +333,48 @@ impl AirSet {
         let teller = Teller::new(local, self.detail, grid);
         let mut rest = &sums[..];
         for (key, chunk) in asked.voxels {
-            let run = chunk.receivers.places[key.1..].chunk_by(|a, b| a.voxel == b.voxel).next();
-            let (own, others) = rest.split_at(run.map_or(0, <[_]>::len));
+            let run =
+                chunk.receivers.places[key.1..].chunk_by(|a, b| a.voxel == b.voxel).next().unwrap_or(&[]);
+            let (own, others) = rest.split_at(run.len());
             rest = others;
-            if let Some(voxel) = self.voxels.get_mut(&key).filter(|voxel| Arc::ptr_eq(&voxel.chunk, &chunk)) {
-                let told = teller.tell_sums(voxel, own);
-                self.has_news |= voxel.take(told, asked.generation);
+            let place = run.first().map(|receiver| receiver.voxel.to_array());
+            let found =
+                place.map(|place| self.voxels.binary_search_by_key(&place, |voxel| voxel.place.to_array()));
+            let Some(Ok(at)) = found else { continue };
+            let voxel = &mut self.voxels[at];
+            if voxel.key() == key && Arc::ptr_eq(&voxel.chunk, &chunk) {
+                self.told.clear();
+                teller.tell_sums(voxel, own, &mut self.told);
+                self.has_news |= voxel.take(&self.told, asked.generation);
             }
         }
         self.stale = self.stale_now();
     }
 
     /// Light on surfaces by detail voxel, ascending by detail voxel (x, y, z), then direction, then layer.
-    pub(crate) fn details(&self) -> Vec<PatchLight> {
-        let mut details: Vec<_> =
-            self.voxels.values().flat_map(|voxel| voxel.details.iter().copied()).collect();
-        details.sort_unstable_by_key(|light| (light.voxel.to_array(), light.direction, light.layer));
-        details
+    pub(crate) fn details(&mut self) -> Arc<[PatchLight]> {
+        self.told.details.clear();
+        self.told.details.extend(self.voxels.iter().flat_map(|voxel| &voxel.told.details));
+        let order = |light: &PatchLight| (light.voxel.to_array(), light.direction, light.layer);
+        self.told.details.sort_unstable_by_key(order);
+        Arc::from(&self.told.details[..])
     }
 
     /// Light of all receivers in the air that know enough, ascending by voxel (x, y, z), then direction.
-    pub(crate) fn lights(&self) -> Vec<PatchLight> {
-        self.by_place.iter().flat_map(|key| self.voxels[key].lights.iter().copied()).collect()
+    pub(crate) fn lights(&mut self) -> Arc<[PatchLight]> {
+        self.told.lights.clear();
+        self.voxels.iter().for_each(|voxel| self.told.lights.extend_from_slice(&voxel.told.lights));
+        Arc::from(&self.told.lights[..])
     }
 
     /// Whether what is counted is what is there.
     pub(crate) fn is_counted(&self) -> bool {
-        let lengths = [self.nearest_first.len(), self.by_place.len()];
-        lengths == [self.voxels.len(); 2] && self.stale == self.stale_now()
+        let is_ascending = self.voxels.is_sorted_by(|a, b| a.place.to_array() < b.place.to_array());
+        is_ascending && self.stale == self.stale_now()
     }
 
     fn stale_now(&self) -> usize {
-        self.voxels.values().filter(|voxel| voxel.lit < self.generation).count()
+        self.voxels.iter().filter(|voxel| voxel.lit < self.generation).count()
     }
 }
 
@@ -301,7 +401,8 @@ fn nearest<'a>(
         for run in chunk.receivers.places.chunk_by(|a, b| a.voxel == b.voxel) {
             let voxel = run[0].voxel;
             let distance = grid.voxel_centre(voxel).distance_squared(focus).to_bits();
-            near.push(Near { chunk, distance, key: (chunk.id, first), end: first + run.len(), voxel });
+            let (key, end) = ((chunk.id, first), first + run.len());
+            near.push(Near { chunk, distance, key, end, voxel, rank: 0, has_detail: false });
             first += run.len();
         }
         if near.len() > voxels_max {

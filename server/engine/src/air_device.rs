@@ -55,10 +55,10 @@ impl AirDevice {
 
     /// Asks for the light of the voxels of `turn`, as many as one gather holds, with rows of all `voxels` at hand. Returns the
     /// rows asked for, none while others are under way; nothing where the CPU has to gather.
-    pub(crate) fn hand_over(
+    pub(crate) fn hand_over<'a>(
         &mut self,
-        voxels: &BTreeMap<AirKey, AirVoxel>,
-        turn: &[AirKey],
+        voxels: &'a [AirVoxel],
+        turn: impl Iterator<Item = &'a AirVoxel>,
         generation: u64,
         local: &LocalSet,
         far: &mut FarSenders<'_>,
@@ -70,18 +70,18 @@ impl AirDevice {
         let (gatherer, rows_max) = self.gatherer.ready()?;
         let mut columns = ReceiverColumns::new(RowsOf::Receivers, local, local.exitances());
         let mut numbers: BTreeMap<ChunkId, u32> = BTreeMap::new();
-        for (&(chunk, _), voxel) in voxels {
-            numbers.entry(chunk).or_insert_with(|| columns.add(&voxel.chunk, &voxel.lineage, far));
+        for voxel in voxels {
+            let number = || columns.add(&voxel.chunk, &voxel.lineage, far);
+            numbers.entry(voxel.chunk.id).or_insert_with(number);
         }
         let (mut rows, mut asked) = (Vec::new(), Vec::new());
-        for key in turn {
-            let voxel = &voxels[key];
+        for voxel in turn {
             if rows.len() + voxel.rows.len() > rows_max {
                 break;
             }
-            let chunk = numbers[&key.0];
+            let chunk = numbers[&voxel.chunk.id];
             rows.extend(voxel.rows.clone().map(|row| ReceiverRow { chunk, row: row as u32 }));
-            asked.push((*key, Arc::clone(&voxel.chunk)));
+            asked.push((voxel.key(), Arc::clone(&voxel.chunk)));
         }
         if rows.is_empty() || !gatherer.begin(&columns.gather(&rig.sky, &rows)) {
             self.gatherer.rest();

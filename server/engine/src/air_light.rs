@@ -5,7 +5,7 @@
 //! faces ([`Viewer`]), which is added here wherever the row was gathered.
 
 use crate::PatchLight;
-use crate::air::AirVoxel;
+use crate::air::{AirVoxel, Told};
 use crate::far::FarSenders;
 use crate::local_set::{LocalSet, Resident};
 use crate::slots::{FREE, parts_of_row};
@@ -66,7 +66,7 @@ impl<'a> RowSources<'a> {
         chunk: &Chunk,
         row: usize,
         segments: &[Segment<'_>],
-        near: Option<&Near<'_>>,
+        near: Option<&NearBy<'_>>,
     ) -> RowLight {
         let rows = &chunk.receivers.rows;
         let (mut resident, mut far) = (0.0f64, 0.0f64);
@@ -93,12 +93,12 @@ impl<'a> RowSources<'a> {
 }
 
 /// A viewer among resident patches.
-pub(crate) struct Near<'a> {
+pub(crate) struct NearBy<'a> {
     local: &'a LocalSet,
     viewer: Viewer,
 }
 
-impl Near<'_> {
+impl NearBy<'_> {
     /// By how much what the viewer sees of the patch in `slot` is brighter than the whole of it, lm/m2.
     fn excess(&self, slot: u32) -> Rgb {
         let resident = self.local.resident(slot);
@@ -143,13 +143,14 @@ impl<'a> Teller<'a> {
         Self { local, by_place, detail, grid, has_near }
     }
 
-    /// Light of the receivers of `voxel`, of its air and of its detail voxels, of which each row gathers what `gather` says.
+    /// Appends to `out` the light of the receivers of `voxel`, of its air and of its detail voxels, of which each row gathers what `gather`
+    /// says.
     pub(crate) fn tell(
         &self,
         voxel: &AirVoxel,
-        mut gather: impl FnMut(usize, Option<Near<'a>>) -> RowLight,
-    ) -> (Vec<PatchLight>, Vec<PatchLight>) {
-        let (mut lights, mut details) = (Vec::new(), Vec::new());
+        mut gather: impl FnMut(usize, Option<NearBy<'a>>) -> RowLight,
+        out: &mut Told,
+    ) {
         for row in voxel.rows.clone() {
             let place = voxel.chunk.receivers.places[row];
             let Some(detail) = place.detail else {
@@ -160,7 +161,7 @@ impl<'a> Teller<'a> {
                     fed_share: far_light.w.clamp(0.0, 1.0),
                     ..light
                 };
-                lights.extend((light.known_share + light.fed_share >= KNOWN_SHARE_MIN).then_some(light));
+                out.lights.extend((light.known_share + light.fed_share >= KNOWN_SHARE_MIN).then_some(light));
                 continue;
             };
             let slot = self.by_place.get(&(place.voxel.to_array(), place.direction));
@@ -171,19 +172,14 @@ impl<'a> Teller<'a> {
             let DetailVoxel { layer, plane, .. } = detail;
             let plane_offset = Some(plane.offset_along(place.direction.axis()));
             let voxel = detail.coord(light.voxel, self.detail);
-            details.push(PatchLight { voxel, plane_offset, layer, tilt: Some(plane), ..light });
+            out.details.push(PatchLight { voxel, plane_offset, layer, tilt: Some(plane), ..light });
         }
-        (lights, details)
     }
 
     /// The same, from `sums` of all rows of `voxel`, gathered elsewhere.
-    pub(crate) fn tell_sums(
-        &self,
-        voxel: &AirVoxel,
-        sums: &[ReceiverSums],
-    ) -> (Vec<PatchLight>, Vec<PatchLight>) {
+    pub(crate) fn tell_sums(&self, voxel: &AirVoxel, sums: &[ReceiverSums], out: &mut Told) {
         let segments = self.has_near.then(|| self.local.segment_slots(&voxel.chunk.receivers.rows));
-        self.tell(voxel, |row, near| {
+        let gather = |row: usize, near: Option<NearBy<'a>>| {
             let of = &sums[row - voxel.rows.start];
             let excess = near.zip(segments.as_ref());
             let excess =
@@ -195,13 +191,14 @@ impl<'a> Teller<'a> {
                 far_light: of.far_irradiance.extend(of.fed_share),
                 sky: of.sky_irradiance,
             }
-        })
+        };
+        self.tell(voxel, gather, out);
     }
 
     /// The surface in part `detail` of `resident`, as it looks out.
-    fn near(&self, place: &ReceiverPlace, detail: DetailVoxel, resident: &Resident) -> Near<'a> {
+    fn near(&self, place: &ReceiverPlace, detail: DetailVoxel, resident: &Resident) -> NearBy<'a> {
         let own = self.local.chunk_of(resident.id).points_of(&resident.patch);
-        Near { local: self.local, viewer: Viewer::new(place, detail, self.detail, &self.grid, own) }
+        NearBy { local: self.local, viewer: Viewer::new(place, detail, self.detail, &self.grid, own) }
     }
 }
 

@@ -58,7 +58,7 @@ pub(crate) struct ChunkTable {
 pub(crate) struct Room {
     /// All of them, those on their way included.
     pub(crate) decoded_bytes_max: u64,
-    /// Spare ones.
+    /// Spare ones, and those on their way.
     pub(crate) spare_bytes_max: u64,
 }
 
@@ -307,12 +307,15 @@ impl ChunkTable {
         self.spare_bytes
     }
 
-    /// Decoded to Absent for spare chunks until there are not too many and `bytes` fit beside what is in memory and in flight. The first to go is the one
+    /// Decoded to Absent for spare chunks until they are not too many, with what is in flight and `bytes`, and those fit beside what is in
+    /// memory. The first to go is the one
     /// whose time unwanted times its distance from the nearest of `focuses`, in chunks of its level, is largest. Returns how many went.
     pub(crate) fn make_room(&mut self, bytes: u64, room: Room, focuses: &[Vec3], now_s: f64) -> u64 {
         let fits = |table: &Self| {
-            let held = table.decoded_bytes.saturating_add(table.in_flight_bytes);
-            held.saturating_add(bytes) <= room.decoded_bytes_max && table.spare_bytes <= room.spare_bytes_max
+            let coming = table.in_flight_bytes.saturating_add(bytes);
+            // What is on its way takes the place of what is spare: a burst of tiles is no peak of memory.
+            table.decoded_bytes.saturating_add(coming) <= room.decoded_bytes_max
+                && table.spare_bytes.saturating_add(coming) <= room.spare_bytes_max
         };
         if self.spare.is_empty() || fits(self) {
             return 0;

@@ -38,7 +38,8 @@ pub struct EngineConfig {
     /// - Higher: a larger `load_radius_m` can be filled.
     /// - Lower: less memory; shadows and light from fewer chunks.
     pub decoded_bytes_max: u64,
-    /// Of that, memory for chunks that no camera wants any more: who turns back finds them. 0 keeps none.
+    /// Of that, memory for chunks that no camera wants any more: who turns back finds them. 0 keeps none. While tiles are on their
+    /// way, less by as much as they will take.
     ///
     /// - Higher: less is read again where cameras come and go between the same places; memory grows up to it.
     /// - Lower: less memory, sooner as much as it will ever be.

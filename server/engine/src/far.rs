@@ -53,6 +53,8 @@ pub(crate) struct FarField {
     parent_count: usize,
     /// Scratch of [`Self::split`]: places in the row's list by parent, [`NOBODY`] between calls.
     places: Vec<u32>,
+    /// Scratch of [`gather_those`].
+    sent: SentRoom,
 }
 
 impl FarField {
@@ -230,26 +232,45 @@ pub(crate) fn exitances_of(views: &[Option<&LocalSet>]) -> Vec<Vec<Rgb>> {
     views.iter().map(|view| view.map(LocalSet::exitances).unwrap_or_default()).collect()
 }
 
+/// Room for what parents send, used again tick by tick.
+#[derive(Debug, Default)]
+pub(crate) struct SentRoom(Vec<Sent>);
+
+impl SentRoom {
+    /// Room for `count` more, none of which is asked for yet. Returns where it begins.
+    fn extend(&mut self, count: usize) -> usize {
+        let start = self.0.len();
+        self.0.resize(start + count, Sent::unknown());
+        start
+    }
+}
+
 /// What stands for patches that are not resident, by chunk: worked out once for the many rows that lead there.
 pub(crate) struct FarSenders<'a> {
     coarser: Vec<Option<&'a LocalSet>>,
     exitances: &'a [Vec<Rgb>],
     places: BTreeMap<ChunkId, usize>,
     chunks: Vec<SendingChunk<'a>>,
+    sent: &'a mut SentRoom,
 }
 
 /// Who stands for the patches of one chunk.
 struct SendingChunk<'a> {
     parents: Option<Parents>,
     ancestry: Ancestry<'a>,
-    /// By patch; one that is not listed has no parent.
-    sent: Vec<Sent>,
+    /// Where in the room what stands for its patches begins.
+    first: usize,
 }
 
 impl<'a> FarSenders<'a> {
     /// `coarser` views, finest first, one a level, and their [`exitances_of`].
-    pub(crate) fn new(coarser: Vec<Option<&'a LocalSet>>, exitances: &'a [Vec<Rgb>]) -> Self {
-        Self { coarser, exitances, places: BTreeMap::new(), chunks: Vec::new() }
+    pub(crate) fn new(
+        coarser: Vec<Option<&'a LocalSet>>,
+        exitances: &'a [Vec<Rgb>],
+        sent: &'a mut SentRoom,
+    ) -> Self {
+        sent.0.clear();
+        Self { coarser, exitances, places: BTreeMap::new(), chunks: Vec::new(), sent }
     }
 
     /// The number by which [`Self::sent`] knows `chunk`.
@@ -259,8 +280,8 @@ impl<'a> FarSenders<'a> {
         }
         let parents = lineage.of(chunk).cloned();
         let ancestry = Ancestry::of(chunk.parent(), lineage, &self.coarser, self.exitances);
-        let sent = vec![Sent::unknown(); parents.as_ref().map_or(0, |parents| parents.len())];
-        self.chunks.push(SendingChunk { parents, ancestry, sent });
+        let first = self.sent.extend(parents.as_ref().map_or(0, |parents| parents.len()));
+        self.chunks.push(SendingChunk { parents, ancestry, first });
         self.places.insert(chunk, self.chunks.len() - 1);
         self.chunks.len() - 1
     }
@@ -278,9 +299,12 @@ impl<'a> FarSenders<'a> {
 
     /// What stands for patch `patch` of the chunk at `place`: red, green, blue, and one if that is known, else all zero.
     pub(crate) fn sent(&self, place: usize, patch: usize) -> Vec4 {
-        let SendingChunk { parents, ancestry, sent } = &self.chunks[place];
-        let (Some(sent), Some(parents)) = (sent.get(patch), parents) else { return Vec4::ZERO };
-        sent.get(|| ancestry.exitance(usize::from(parents[patch])))
+        let SendingChunk { parents, ancestry, first } = &self.chunks[place];
+        // One that is not listed has no parent.
+        let Some(&parent) = parents.as_ref().and_then(|parents| parents.get(patch)) else {
+            return Vec4::ZERO;
+        };
+        self.sent.0[first + patch].get(|| ancestry.exitance(usize::from(parent)))
     }
 }
 
@@ -297,14 +321,17 @@ pub(crate) fn gather_those(
     coarser: &[Option<&LocalSet>],
     is_asked: impl Fn(&Resident) -> bool,
 ) -> bool {
-    let Some(field) = &local.far else { return false };
+    let Some(field) = &mut local.far else { return false };
+    let mut room = std::mem::take(&mut field.sent);
+    room.0.clear();
+    room.extend(field.parent_count);
+    let field = &*field;
     let exitances = exitances_of(coarser);
     let ancestries = field.ancestries(coarser, &exitances);
-    let sent = vec![Sent::unknown(); field.parent_count];
     let sent = |far: &FarShare| {
         let (block, parent) = (far.block as usize, usize::from(far.parent));
         let at = field.starts[block] as usize + parent;
-        sent[at].get(|| ancestries[block].as_ref().and_then(|ancestry| ancestry.exitance(parent)))
+        room.0[at].get(|| ancestries[block].as_ref().and_then(|ancestry| ancestry.exitance(parent)))
     };
     let mut changed = false;
     for resident in local.residents.iter_mut().flatten().filter(|resident| is_asked(resident)) {
@@ -314,6 +341,10 @@ pub(crate) fn gather_those(
             sum += far.share as f32 * sent(far);
         }
         changed |= resident.take_far(sum.truncate(), sum.w);
+    }
+    drop(ancestries);
+    if let Some(field) = &mut local.far {
+        field.sent = room;
     }
     changed
 }

@@ -4,7 +4,7 @@
 //! table says who is far. Both come to the same but for rounding, some ticks later. Until then [`crate::far_follow`] keeps what is
 //! there, and what is on its way, true to who is resident.
 
-use crate::far::{FarSenders, exitances_of};
+use crate::far::{FarSenders, SentRoom, exitances_of};
 use crate::gatherer::Gatherer;
 use crate::local_set::LocalSet;
 use crate::receiver_columns::ReceiverColumns;
@@ -111,8 +111,8 @@ impl FarDevice {
 
 /// Asks about the rows of all residents, ascending by slot.
 fn begin(light: &mut dyn ReceiverLight, local: &LocalSet, coarser: &[Option<&LocalSet>]) -> bool {
-    let exitances = exitances_of(coarser);
-    let mut far = FarSenders::new(coarser.to_vec(), &exitances);
+    let (exitances, mut room) = (exitances_of(coarser), SentRoom::default());
+    let mut far = FarSenders::new(coarser.to_vec(), &exitances, &mut room);
     // What residents send arrives by way of the backend.
     let dark = vec![Rgb::ZERO; local.capacity() as usize];
     let mut columns = ReceiverColumns::new(RowsOf::Patches, local, dark);

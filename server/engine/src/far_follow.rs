@@ -4,7 +4,7 @@
 //! So nothing is counted twice, or missed, however late sums come; what parents send may have changed meanwhile, and newcomers'
 //! own far light is gathered here.
 
-use crate::far::{FarSenders, exitances_of, gather_those};
+use crate::far::{FarSenders, SentRoom, exitances_of, gather_those};
 use crate::local_set::LocalSet;
 use crate::row_split::Move;
 use crate::slots::{FREE, visit_row};
@@ -27,8 +27,8 @@ pub(crate) fn follow(local: &mut LocalSet, coarser: &[Option<&LocalSet>]) -> boo
     if moved.is_empty() {
         return false;
     }
-    let exitances = exitances_of(coarser);
-    let mut far = FarSenders::new(coarser.to_vec(), &exitances);
+    let (exitances, mut room) = (exitances_of(coarser), SentRoom::default());
+    let mut far = FarSenders::new(coarser.to_vec(), &exitances, &mut room);
     let mut changes: BTreeMap<u32, Vec4> = BTreeMap::new();
     for Moved { id, chunk, way } in &moved {
         let inwards = if *way == Move::In { -1.0 } else { 1.0 };

@@ -9,7 +9,7 @@ use crate::far;
 use crate::far_device::{FarAsked, FarDevice, FarTaken};
 use crate::far_follow::follow;
 use crate::local_set::{LocalSet, Resident};
-use crate::priority::{Outlook, SwapPlan, plan_swaps};
+use crate::priority::{Candidate, Outlook, Staying, SwapPlan, plan_swaps};
 use crate::relight::{self, Relight};
 use crate::stats::Counters;
 use crate::{FrameQuality, PatchLight, SessionId};
@@ -73,6 +73,8 @@ pub(crate) struct LevelView {
     casters_seen: u64,
     /// The light of every slot as it was last told.
     published: Arc<[PatchLight]>,
+    /// Room for what is to be told.
+    telling: Vec<PatchLight>,
     pub(crate) drift: f32,
     /// What the last audit found; 0 before the first.
     pub(crate) audit_error: f32,
@@ -98,6 +100,7 @@ impl LevelView {
             had: 0,
             casters_seen: 0,
             published: Arc::default(),
+            telling: Vec::new(),
             drift: 0.0,
             audit_error: 0.0,
         }
@@ -134,12 +137,19 @@ impl LevelView {
     }
 
     /// Compares what is resident with what is nearest, if either may have changed. Returns whether it did.
-    pub(crate) fn replan(&mut self, outlook: &Outlook, table: &ChunkTable, config: &EngineConfig) -> bool {
+    pub(crate) fn replan(
+        &mut self,
+        outlook: &Outlook,
+        table: &ChunkTable,
+        config: &EngineConfig,
+        room: &mut Vec<Candidate>,
+    ) -> bool {
         let Some(local) = &self.local else { return false };
         let is_due = std::mem::take(&mut self.is_plan_old);
         if is_due {
             self.focus = outlook.focus;
-            self.plan = plan_swaps(outlook, &self.loaded(table), local, config.hysteresis, self.target);
+            let stay = Staying { hysteresis: config.hysteresis, slots: self.target };
+            self.plan = plan_swaps(outlook, &self.loaded(table), local, stay, room);
         }
         is_due
     }
@@ -447,19 +457,16 @@ impl LevelView {
         let relight = self.relight(table, lighting, tick);
         let voxel_edge_m = table.levels()[usize::from(self.level)].grid.voxel_edge_m;
         if std::mem::take(&mut self.has_news) {
-            let lights: Vec<PatchLight> = match &mut self.local {
-                Some(local) => {
-                    local.sort_for_frames();
-                    local
-                        .in_frame_order()
-                        .filter_map(|resident| patch_light(resident, voxel_edge_m, &relight))
-                        .collect()
-                }
-                None => Vec::new(),
-            };
-            is_new = lights[..] != self.published[..];
+            self.telling.clear();
+            if let Some(local) = &mut self.local {
+                local.sort_for_frames();
+                let lights = local.in_frame_order();
+                self.telling
+                    .extend(lights.filter_map(|resident| patch_light(resident, voxel_edge_m, &relight)));
+            }
+            is_new = self.telling[..] != self.published[..];
             if is_new {
-                self.published = lights.into();
+                self.published = Arc::from(&self.telling[..]);
             }
         }
         (Arc::clone(&self.published), is_new)

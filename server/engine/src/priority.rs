@@ -85,25 +85,34 @@ impl SwapPlan {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct Candidate {
+pub(crate) struct Candidate {
     /// Squared distance as bits: they order like the number, which is never negative.
     distance: u32,
     patch: PatchId,
     is_resident: bool,
 }
 
-/// The nearest patches of `chunks` (ascending by id) against what `local` holds.
+/// Who is to stay.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Staying {
+    /// Residents count as nearer by this share.
+    pub(crate) hysteresis: f32,
+    /// As many patches as this, at most.
+    pub(crate) slots: u32,
+}
+
+/// The nearest patches of `chunks` (ascending by id) against what `local` holds, worked out in `candidates`.
 ///
-/// Residents count as nearer by `hysteresis`. What `local` was refused is left out, and what is beyond the nearest `slots`.
+/// What `local` was refused is left out, and what is beyond the nearest that are to stay.
 pub(crate) fn plan_swaps(
     outlook: &Outlook,
     chunks: &[&Arc<Chunk>],
     local: &LocalSet,
-    hysteresis: f32,
-    slots: u32,
+    stay: Staying,
+    candidates: &mut Vec<Candidate>,
 ) -> SwapPlan {
-    let resident_scale = (1.0 + hysteresis).powi(-2);
-    let mut candidates = Vec::new();
+    let resident_scale = (1.0 + stay.hysteresis).powi(-2);
+    candidates.clear();
     for chunk in chunks {
         let slots = local.slots_of(chunk.id);
         for (index, patch) in chunk.patches.iter().enumerate() {
@@ -117,14 +126,12 @@ pub(crate) fn plan_swaps(
             candidates.push(Candidate { distance, patch: id, is_resident });
         }
     }
-    let capacity = local.capacity().min(slots) as usize;
-    let beyond = if candidates.len() > capacity {
+    let capacity = local.capacity().min(stay.slots) as usize;
+    if candidates.len() > capacity {
         candidates.select_nth_unstable(capacity);
-        candidates.split_off(capacity)
-    } else {
-        Vec::new()
-    };
-    let mut displaced: Vec<_> = beyond.into_iter().filter(|candidate| candidate.is_resident).collect();
+    }
+    let (chosen, beyond) = candidates.split_at(capacity.min(candidates.len()));
+    let mut displaced: Vec<_> = beyond.iter().filter(|candidate| candidate.is_resident).collect();
     displaced.sort_unstable();
     let forced = local
         .chunks()
@@ -132,22 +139,22 @@ pub(crate) fn plan_swaps(
         .flat_map(|id| local.patches_of(id))
         .collect();
     SwapPlan {
-        adds: most_urgent_last(outlook, chunks, candidates),
+        adds: most_urgent_last(outlook, chunks, chosen),
         forced,
         displaced: displaced.into_iter().map(|candidate| candidate.patch).collect(),
     }
 }
 
 /// Those of `chosen` that are not resident, in the order of work.
-fn most_urgent_last(outlook: &Outlook, chunks: &[&Arc<Chunk>], chosen: Vec<Candidate>) -> Vec<PatchId> {
+fn most_urgent_last(outlook: &Outlook, chunks: &[&Arc<Chunk>], chosen: &[Candidate]) -> Vec<PatchId> {
     let centroid = |id: PatchId| {
         let at = chunks.binary_search_by_key(&id.chunk, |chunk| chunk.id).expect("chosen from these chunks");
         chunks[at].patches[usize::from(id.local)].centroid
     };
     let mut adds: Vec<(u32, PatchId)> = chosen
-        .into_iter()
+        .iter()
         .filter(|candidate| !candidate.is_resident)
-        .map(|Candidate { distance, patch, .. }| {
+        .map(|&Candidate { distance, patch, .. }| {
             let distance = f32::from_bits(distance).sqrt();
             (outlook.urgency(distance, centroid(patch)).to_bits(), patch)
         })

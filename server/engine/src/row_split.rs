@@ -32,6 +32,11 @@ pub(crate) struct RowSplit {
 }
 
 impl RowSplit {
+    /// Memory of its lists, bytes.
+    pub(crate) fn bytes(&self) -> usize {
+        self.parents.capacity() * size_of::<FarShare>() + self.parent_of.capacity() * size_of::<u32>()
+    }
+
     /// The patch of column `column` (its place in the row) with form factor `share` goes `way`.
     fn shift(&mut self, column: usize, share: f64, way: Move) {
         let inwards = if way == Move::In { share } else { -share };

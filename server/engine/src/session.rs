@@ -5,13 +5,13 @@
 use crate::air::{AirSet, RowsSpent};
 use crate::chunks::ChunkTable;
 use crate::config::EngineConfig;
-use crate::far::{FarSenders, exitances_of};
+use crate::far::{FarSenders, SentRoom, exitances_of};
 use crate::far_device::FarDevice;
 use crate::frame::LevelLight;
 use crate::level_view::{LevelView, Lighting, WantedChunk};
 use crate::levels::LevelPlan;
 use crate::local_set::LocalSet;
-use crate::priority::Outlook;
+use crate::priority::{Candidate, Outlook};
 use crate::promise::Promise;
 use crate::stats::{Counters, SessionStats};
 use crate::{Frame, FrameQuality, PatchLight, ReceiverLightFactory, SessionId};
@@ -48,6 +48,10 @@ pub(crate) struct Session {
     frames: u64,
     /// The last frame, for invariants.
     pub(crate) last_frame: Option<Arc<Frame>>,
+    /// Room for what parents send to light in the air.
+    sent: SentRoom,
+    /// Room for plans.
+    candidates: Vec<Candidate>,
 }
 
 impl Session {
@@ -69,6 +73,8 @@ impl Session {
             told: None,
             frames: 0,
             last_frame: None,
+            sent: SentRoom::default(),
+            candidates: Vec::new(),
         }
     }
 
@@ -125,7 +131,7 @@ impl Session {
         let Some(outlook) = self.outlook else { return };
         for view in &mut self.views {
             view.aim_at(promise.slots_at(view.level, self.motion.speed_m_s));
-            let is_new = view.replan(&outlook, table, config);
+            let is_new = view.replan(&outlook, table, config, &mut self.candidates);
             if is_new && view.level == 0 {
                 let (loaded, voxels_max) = (view.loaded(table), config.receiver_voxels_max as usize);
                 self.air.replan(outlook.focus, &loaded, table, voxels_max);
@@ -164,7 +170,7 @@ impl Session {
         let Some(local) = &self.views[0].local else { return RowsSpent::default() };
         let coarser: Vec<_> = self.views[1..].iter().map(|view| view.local.as_ref()).collect();
         let exitances = exitances_of(&coarser);
-        let far = FarSenders::new(coarser, &exitances);
+        let far = FarSenders::new(coarser, &exitances, &mut self.sent);
         self.air.gather(local, far, &self.lighting.rig, rows_max)
     }
 
@@ -205,8 +211,8 @@ impl Session {
             levels.push(LevelLight { level: plan.level, patches });
         }
         if self.air.take_news() {
-            self.receivers = self.air.lights().into();
-            self.details = self.air.details().into();
+            self.receivers = self.air.lights();
+            self.details = self.air.details();
             is_new = true;
         }
         if !is_new {

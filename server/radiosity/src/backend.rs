@@ -75,6 +75,15 @@ pub struct Repaired {
     pub is_complete: bool,
 }
 
+/// Main memory that a backend holds, bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct HeldBytes {
+    /// Dense planes, and the scratch of their updates.
+    pub matrix: u64,
+    /// Form factors between residents, by row.
+    pub rows: u64,
+}
+
 /// Owns the local matrix and the light on it, and advances both.
 ///
 /// A backend holds up to [`capacity`](Self::capacity) resident patches, each in a [`Slot`]. `H[i][j]`
@@ -118,6 +127,11 @@ pub trait Backend: Send {
     /// up: better to ask again in the next tick. Never on the CPU.
     fn is_behind(&self) -> bool {
         false
+    }
+
+    /// Main memory that it holds. The default, for what lives elsewhere, is none.
+    fn held_bytes(&self) -> HeldBytes {
+        HeldBytes::default()
     }
 
     /// Removes all patches. The default does so one by one; whoever can forgets them at once.

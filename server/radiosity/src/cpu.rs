@@ -3,7 +3,7 @@
 //! It checks what callers send, cuts updates into blocks for [`LocalMatrix`], and keeps the light. All
 //! arithmetic on `H` is there, not here.
 
-use crate::backend::{ApplyStats, Backend, BackendError, Repaired, Slot, StepStats, Update};
+use crate::backend::{ApplyStats, Backend, BackendError, HeldBytes, Repaired, Slot, StepStats, Update};
 use crate::dense::DenseError;
 use crate::local_matrix::{Arrival, CapacityError, LocalMatrix};
 use crate::slot_check::{self, Interest};
@@ -123,6 +123,10 @@ impl Backend for CpuBackend {
 
     fn is_taken(&self, slot: Slot) -> bool {
         self.matrix.is_taken(slot)
+    }
+
+    fn held_bytes(&self) -> HeldBytes {
+        self.matrix.held_bytes()
     }
 
     fn clear(&mut self) -> Result<(), BackendError> {

@@ -50,7 +50,8 @@ pub mod told;
 pub mod update_check;
 
 pub use backend::{
-    ApplyStats, Backend, BackendError, MIN_PIVOT, RECIPROCITY_TOLERANCE, Repaired, Slot, StepStats, Update,
+    ApplyStats, Backend, BackendError, HeldBytes, MIN_PIVOT, RECIPROCITY_TOLERANCE, Repaired, Slot,
+    StepStats, Update,
 };
 pub use cpu::CpuBackend;
 pub use local_matrix::{Arrival, CapacityError, LocalMatrix};

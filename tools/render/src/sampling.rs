@@ -76,17 +76,16 @@ mod tests {
     fn four_numbers_are_spread_evenly_together() {
         let mut stream = PathStream::new(7, 0);
         let count = 4096;
-        let (mut products, mut quarters) = (0.0, 0.0);
+        let (mut products, mut quarters) = (0.0f64, 0.0f64);
         for _ in 0..16 {
             let ((a, b), (c, d)) = (stream.pair(), stream.pair());
-            let points: Vec<_> = (0..count).map(|i| spread_pairs(i, [a, b, c, d])).collect();
-            let mean = |value: &dyn Fn(&[(f32, f32); 2]) -> f32| {
-                points.iter().map(|point| f64::from(value(point))).sum::<f64>() / f64::from(count)
-            };
-            products += (mean(&|[(a, b), (c, d)]| a * b * c * d) - 0.0625).powi(2) / 16.0;
-            quarters += (mean(&|[(a, _), (_, d)]| if *a < 0.5 && *d < 0.5 { 1.0 } else { 0.0 }) - 0.25)
-                .powi(2)
-                / 16.0;
+            let (mut product, mut quarter) = (0.0, 0.0);
+            for [(a, b), (c, d)] in (0..count).map(|i| spread_pairs(i, [a, b, c, d])) {
+                product += f64::from(a * b * c * d) / f64::from(count);
+                quarter += if a < 0.5 && d < 0.5 { 1.0 } else { 0.0 } / f64::from(count);
+            }
+            products += (product - 0.0625).powi(2) / 16.0;
+            quarters += (quarter - 0.25).powi(2) / 16.0;
         }
         // Of random numbers 0.0014 and 0.0068.
         assert!(products.sqrt() < 7e-4 && quarters.sqrt() < 2e-3, "{} {}", products.sqrt(), quarters.sqrt());

@@ -214,6 +214,29 @@ fn spare_chunks_take_no_more_than_they_may() {
     assert_eq!((none.0, none.2), (0, all.2), "what is wanted is there either way");
 }
 
+/// Goal: what is on its way takes the place of what is spare, in every tick: a burst of tiles is no peak of memory.
+#[test]
+fn tiles_on_their_way_take_the_place_of_spare_ones() {
+    let flown = |spare_bytes_max: u64| {
+        let config = EngineConfig { spare_bytes_max, load_radius_m: 2.0, ..generous(100) };
+        let mut harness = Harness::new(big_world(12), config, Faults::default()).with_camera(Vec3::ZERO);
+        let mut seen = Vec::new();
+        for step in 0..96 {
+            harness.look_from(ALICE, Vec3::X * step as f32 * 0.2);
+            harness.tick();
+            let chunks = &harness.engine.chunks;
+            seen.push([chunks.spare_bytes(), chunks.in_flight_bytes()]);
+        }
+        seen
+    };
+    let most = flown(1 << 30).into_iter().map(|[spare, _]| spare).max().unwrap();
+    let spare_bytes_max = most / 2;
+    let seen = flown(spare_bytes_max);
+    assert!(seen.iter().any(|&[spare, coming]| spare > 0 && coming > 0), "of {most}: {seen:?}");
+    let is_held = |&[spare, coming]: &[u64; 2]| spare == 0 || spare + coming <= spare_bytes_max;
+    assert!(seen.iter().all(is_held), "of {spare_bytes_max}: {seen:?}");
+}
+
 /// Goal: a burst of tiles is taken a few a tick, nobody's work is lost, and what is cancelled meanwhile is forgotten.
 #[test]
 fn tiles_that_came_wait_for_their_turn() {

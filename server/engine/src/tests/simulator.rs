@@ -286,6 +286,8 @@ fn every_life_keeps_the_invariants_and_repeats_to_the_bit() {
         total.violations += done.violations;
     }
     assert_eq!(digests.len() as u64, SEEDS, "every seed is another life");
+    // To be held against those of another state of the program.
+    println!("digests of all lives: {:016x}", digests.iter().fold(0u64, |all, one| all.rotate_left(1) ^ one));
     // The simulation is worth nothing if what it is for does not happen.
     assert!(total.frames > 5 * SEEDS && total.adds > 20 * SEEDS && total.removes > 10 * SEEDS, "{total:?}");
     let rare = [

@@ -33,7 +33,7 @@ mod tests;
 mod truncated;
 mod workspace;
 
-use crate::backend::Slot;
+use crate::backend::{HeldBytes, Slot};
 use crate::buffer::Buffer;
 use crate::exchange::{BLOCK, TILE_EDGE, entry_at, stripe_at};
 use crate::resident_rows::ResidentRows;
@@ -144,6 +144,13 @@ impl LocalMatrix {
     pub fn bytes(capacity: u32) -> u64 {
         let stripes = u64::from(capacity).div_ceil(TILE_EDGE as u64);
         3 * 4 * stripes * (stripes + 1) / 2 * (TILE_EDGE * TILE_EDGE) as u64
+    }
+
+    /// What it holds.
+    #[must_use]
+    pub fn held_bytes(&self) -> HeldBytes {
+        let planes: usize = self.planes.iter().map(|plane| size_of_val(&**plane)).sum();
+        HeldBytes { matrix: (planes + self.workspace.bytes()) as u64, rows: self.rows.bytes() as u64 }
     }
 
     /// Number of slots.

@@ -71,6 +71,12 @@ impl Workspace {
         })
     }
 
+    /// Memory of the lists as long as the matrix, bytes.
+    pub(super) fn bytes(&self) -> usize {
+        let wide = self.columns.iter().chain([&self.finals, &self.other, &self.right, &self.operand]);
+        wide.map(|columns| size_of_val(&**columns)).sum::<usize>() + size_of_val(&*self.partial)
+    }
+
     /// Lists, ascending, the slots `name` is called with, and where they are in the list.
     pub(super) fn list_named(&mut self, stripes: usize, name: impl FnOnce(&mut dyn FnMut(usize))) {
         self.index[..stripes * TILE_EDGE].fill(0);

@@ -17,7 +17,7 @@ use super::links::LinkRows;
 use super::residents::Residents;
 use super::row_light::{Frame, RowLight, RowLightFactory};
 use super::{CpuRowLight, Light, Method, SolverSettings};
-use crate::backend::{ApplyStats, Backend, BackendError, Repaired, Slot, StepStats, Update};
+use crate::backend::{ApplyStats, Backend, BackendError, HeldBytes, Repaired, Slot, StepStats, Update};
 use crate::slot_check;
 use crate::update_check::UpdateCheck;
 use earthshine_world::Rgb;
@@ -307,6 +307,11 @@ impl Backend for SolverBackend {
         let has_matrix_step = self.on_rows.is_none() || self.audit.is_some();
         self.on_rows.as_ref().is_some_and(|on_rows| on_rows.light.is_behind())
             || self.matrix.as_ref().is_some_and(|matrix| has_matrix_step && matrix.is_behind())
+    }
+
+    fn held_bytes(&self) -> HeldBytes {
+        let of_matrix = self.matrix.as_ref().map_or(HeldBytes::default(), |matrix| matrix.held_bytes());
+        HeldBytes { rows: of_matrix.rows + self.residents.links.bytes() as u64, ..of_matrix }
     }
 
     fn clear(&mut self) -> Result<(), BackendError> {

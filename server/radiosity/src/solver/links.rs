@@ -67,6 +67,12 @@ impl LinkRows {
         self.link_count
     }
 
+    /// Memory of the rows, room for more links included, bytes.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        self.rows.iter().map(|row| row.capacity() * size_of::<Link>()).sum()
+    }
+
     /// Whether a patch holds `slot`.
     #[must_use]
     pub fn is_taken(&self, slot: usize) -> bool {

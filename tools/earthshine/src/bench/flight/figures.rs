@@ -1,5 +1,6 @@
 //! A flight in numbers, and over time.
 
+use super::footprint::LapMemory;
 use super::{FlightArguments, Flown};
 use earthshine_render::chart::{Axis, Chart, Scale, Series};
 use earthshine_render::compare_points::percentile;
@@ -76,6 +77,8 @@ pub(super) struct Figures {
     pub(super) rss_by_lap_bytes: Vec<u64>,
     /// The same without mapped files, whose pages come and go with the system's cache.
     pub(super) anonymous_by_lap_bytes: Vec<u64>,
+    /// By lap: who held it when most was resident.
+    pub(super) memory: Vec<LapMemory>,
     pub(super) drift_rel: f64,
     pub(super) far_share: f32,
     pub(super) fed_share: f32,
@@ -97,6 +100,7 @@ impl Figures {
         let quantile = |share| if times.is_empty() { 0.0 } else { percentile(&times, share) };
         let (read, tiles) = (flown.footprint.read_bytes() as f64, counters.tile_bytes as f64);
         let session = flown.footprint_session(&stats);
+        let rss_by_lap_bytes = flown.footprint.by_lap(|lap| lap.resident_bytes);
         Self {
             transport: "gRPC over loopback, server and client in one process",
             cold: arguments.cold,
@@ -138,10 +142,11 @@ impl Figures {
             tile_mb_s: tiles / flown.seconds / 1e6,
             read_amplification: read / tiles.max(1.0),
             dropped_bytes: flown.footprint.dropped_bytes,
-            rss_first_lap_bytes: flown.footprint.rss_bytes.first().copied().unwrap_or(0),
-            rss_last_lap_bytes: flown.footprint.rss_bytes.last().copied().unwrap_or(0),
-            rss_by_lap_bytes: flown.footprint.rss_bytes.clone(),
-            anonymous_by_lap_bytes: flown.footprint.anonymous_bytes.clone(),
+            rss_first_lap_bytes: rss_by_lap_bytes.first().copied().unwrap_or(0),
+            rss_last_lap_bytes: rss_by_lap_bytes.last().copied().unwrap_or(0),
+            rss_by_lap_bytes,
+            anonymous_by_lap_bytes: flown.footprint.by_lap(|lap| lap.anonymous_bytes),
+            memory: flown.footprint.laps.clone(),
             drift_rel: report.server_matrix_drift.unwrap_or(0.0),
             far_share: session.0,
             fed_share: session.1,

@@ -1,40 +1,92 @@
-//! What a flight takes: resident memory lap by lap, bytes from storage, and pages dropped on purpose.
+//! What a flight takes: memory lap by lap and by who holds it, bytes from storage, and pages dropped on purpose.
 
+use crate::memory::{self, Heap};
 use anyhow::Context as _;
+use earthshine_server::ServerMemory;
 use rustix::fs::{Advice, fadvise};
+use serde::Serialize;
 use std::path::Path;
 
 /// Memory and reads of this process while it flies.
 pub(super) struct Footprint {
-    /// Most resident memory in each lap.
-    pub(super) rss_bytes: Vec<u64>,
-    /// The most of it in each lap that is the process's own: no mapped file.
-    pub(super) anonymous_bytes: Vec<u64>,
+    pub(super) laps: Vec<LapMemory>,
     pub(super) dropped_bytes: u64,
     read_before: u64,
     read_after: u64,
 }
 
+/// Memory in one lap, bytes: what it was when most was resident.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub(super) struct LapMemory {
+    /// Of the whole process: server, client and mapped files.
+    pub(super) resident_bytes: u64,
+    /// Of that, the process's own.
+    pub(super) anonymous_bytes: u64,
+    /// Of that, pages of mapped files: the program and tiles.
+    pub(super) mapped_bytes: u64,
+    /// What the allocator holds; nothing where it does not say.
+    pub(super) heap: Option<Heap>,
+    /// Who holds it in the server.
+    pub(super) stores: ServerMemory,
+    /// Asked for by others: the client, messages on their way, lists of a moment.
+    pub(super) others_bytes: u64,
+}
+
+impl LapMemory {
+    /// What is printed of a lap, one line each.
+    pub(super) const COLUMNS: [(&'static str, fn(&Self) -> u64); 15] = [
+        ("resident", |lap| lap.resident_bytes),
+        ("mapped files", |lap| lap.mapped_bytes),
+        ("heap, resident", |lap| lap.heap.map_or(0, |heap| heap.resident_bytes)),
+        ("heap, active", |lap| lap.heap.map_or(0, |heap| heap.active_bytes)),
+        ("heap, allocated", |lap| lap.heap.map_or(0, |heap| heap.allocated_bytes)),
+        ("tiles", |lap| lap.stores.engine.tile_bytes),
+        ("spare tiles", |lap| lap.stores.engine.spare_tile_bytes),
+        ("matrices", |lap| lap.stores.engine.matrix_bytes),
+        ("rows", |lap| lap.stores.engine.row_bytes),
+        ("resident patches", |lap| lap.stores.engine.resident_bytes),
+        ("receivers", |lap| lap.stores.engine.receiver_bytes),
+        ("frames", |lap| lap.stores.engine.frame_bytes),
+        ("parents", |lap| lap.stores.parent_bytes),
+        ("told", |lap| lap.stores.told_bytes),
+        ("others", |lap| lap.others_bytes),
+    ];
+
+    fn now(stores: ServerMemory) -> Self {
+        let [resident_bytes, mapped_bytes] = resident_bytes();
+        let heap = memory::heap();
+        let allocated = heap.map_or(0, |heap| heap.allocated_bytes);
+        Self {
+            resident_bytes,
+            anonymous_bytes: resident_bytes.saturating_sub(mapped_bytes),
+            mapped_bytes,
+            heap,
+            stores,
+            others_bytes: allocated.saturating_sub(stores.total_bytes()),
+        }
+    }
+}
+
 impl Footprint {
     pub(super) fn new(laps: u32) -> Self {
         let read = storage_bytes();
-        let none = vec![0; laps as usize];
-        Self {
-            rss_bytes: none.clone(),
-            anonymous_bytes: none,
-            dropped_bytes: 0,
-            read_before: read,
-            read_after: read,
+        let laps = vec![LapMemory::default(); laps as usize];
+        Self { laps, dropped_bytes: 0, read_before: read, read_after: read }
+    }
+
+    /// In lap `lap`, or the last, while the server holds `stores`.
+    pub(super) fn look(&mut self, lap: u32, stores: ServerMemory) {
+        let last = self.laps.len() - 1;
+        let most = &mut self.laps[(lap as usize).min(last)];
+        let now = LapMemory::now(stores);
+        if now.resident_bytes > most.resident_bytes {
+            *most = now;
         }
     }
 
-    /// In lap `lap`, or the last.
-    pub(super) fn look(&mut self, lap: u32) {
-        let lap = (lap as usize).min(self.rss_bytes.len() - 1);
-        let [resident, of_files] = resident_bytes();
-        let raise = |most: &mut u64, now: u64| *most = now.max(*most);
-        raise(&mut self.rss_bytes[lap], resident);
-        raise(&mut self.anonymous_bytes[lap], resident.saturating_sub(of_files));
+    /// One number of each lap.
+    pub(super) fn by_lap(&self, of: impl Fn(&LapMemory) -> u64) -> Vec<u64> {
+        self.laps.iter().map(of).collect()
     }
 
     pub(super) fn end(&mut self) {

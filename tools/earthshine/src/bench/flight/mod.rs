@@ -15,7 +15,7 @@ use earthshine_render::chart;
 use earthshine_server::{Observer, ServeArgs, Server, TickSample};
 use earthshine_world::{Bounds, Vec3};
 use figures::Figures;
-use footprint::{Footprint, drop_pages};
+use footprint::{Footprint, LapMemory, drop_pages};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -169,7 +169,7 @@ async fn fly(arguments: &FlightArguments, options: &FlyOptions, observer: Observ
             _ = samples.tick() => {
                 ticks.extend(observer.take_ticks());
                 let at = (began.elapsed().as_secs_f64() / lap.as_secs_f64()) as u32;
-                footprint.look(at);
+                footprint.look(at, observer.memory());
                 if arguments.cold && at >= laps_begun && at < arguments.laps {
                     laps_begun = at + 1;
                     footprint.dropped_bytes += drop_pages(&arguments.world)?;
@@ -241,5 +241,11 @@ impl Figures {
             self.rss_last_lap_bytes as f64 / 1e6,
             self.drift_rel
         );
+        out!("memory by lap, MB, when most was resident:");
+        for (name, of) in LapMemory::COLUMNS {
+            let megabytes: Vec<String> =
+                self.memory.iter().map(|lap| format!("{:6.1}", of(lap) as f64 / 1e6)).collect();
+            out!("  {name:<22}{}", megabytes.join(" "));
+        }
     }
 }
