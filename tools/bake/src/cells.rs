@@ -249,8 +249,9 @@ impl<'a> Seen<'a> {
         let mut left = IVec3::select(is_up, self.cells.size.as_ivec3() - 1 - cell, cell);
         loop {
             self.mark(index);
-            // Not only `>=`: what is not a number must end, too.
-            if !(next.x.min(next.y).min(next.z) < end) {
+            // What is not a number must end, too.
+            let goes_on = next.x.min(next.y).min(next.z) < end;
+            if !goes_on {
                 return;
             }
             let is_x = (next.x <= next.y) & (next.x <= next.z);
