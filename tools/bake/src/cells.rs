@@ -227,38 +227,49 @@ impl<'a> Seen<'a> {
     }
 
     /// Notes the cells from `origin` along unit `direction` up to `distance` m (Amanatides and Woo, 1987).
+    ///
+    /// Every ray of a stage comes by here, and which way it goes next is nobody's guess: so the loop chooses without branches.
     pub(crate) fn mark_way(&self, origin: Vec3, direction: Vec3, distance: f32) {
         let from = origin / self.cells.edge_m - self.cells.low.as_vec3();
-        let end = distance / self.cells.edge_m + MARGIN;
-        let cell = from.floor().as_ivec3();
+        if from.cmplt(Vec3::ZERO).any() {
+            return;
+        }
+        let cell = from.as_ivec3();
         let Some(mut index) = self.cells.index(cell) else { return };
+        let end = distance / self.cells.edge_m + MARGIN;
         let is_up = direction.cmpgt(Vec3::ZERO);
         let per_cell = direction.abs().recip();
         let ahead = Vec3::select(is_up, Vec3::ONE, Vec3::ZERO);
         let next = ((cell.as_vec3() + ahead - from).abs()) * per_cell;
         // Along an axis that the ray does not follow there is no next cell.
-        let mut next = Vec3::select(next.is_nan_mask(), Vec3::INFINITY, next).to_array();
-        let per_cell = per_cell.to_array();
+        let mut next = Vec3::select(next.is_nan_mask(), Vec3::INFINITY, next);
         let UVec3 { y, z, .. } = self.cells.size;
-        let steps = [y * z, z, 1].map(|step| step as usize);
-        // What is added to the number of a cell, wrapping, and how often before the world ends.
-        let steps: [usize; 3] =
-            std::array::from_fn(
-                |axis| if is_up.test(axis) { steps[axis] } else { steps[axis].wrapping_neg() },
-            );
-        let last = self.cells.size.as_ivec3() - 1;
-        let mut left = IVec3::select(is_up, last - cell, cell).to_array();
+        // What the number of a cell changes by along each axis, and how often before the world ends.
+        let steps = IVec3::select(is_up, IVec3::ONE, IVec3::NEG_ONE) * UVec3::new(y * z, z, 1).as_ivec3();
+        let mut left = IVec3::select(is_up, self.cells.size.as_ivec3() - 1 - cell, cell);
         loop {
             self.mark(index);
-            let axis =
-                if next[0] <= next[1] && next[0] <= next[2] { 0 } else { 1 + usize::from(next[2] < next[1]) };
-            // Not only `>`: what is not a number must end, too.
-            if next[axis] >= end || !next[axis].is_finite() || left[axis] == 0 {
-                break;
+            // What is not a number must end, too.
+            let goes_on = next.x.min(next.y).min(next.z) < end;
+            if !goes_on {
+                return;
             }
-            left[axis] -= 1;
-            index = index.wrapping_add(steps[axis]);
-            next[axis] += per_cell[axis];
+            let is_x = (next.x <= next.y) & (next.x <= next.z);
+            let is_z = !is_x & (next.z < next.y);
+            let is_y = !is_x & !is_z;
+            left -= IVec3::new(i32::from(is_x), i32::from(is_y), i32::from(is_z));
+            if left.x | left.y | left.z < 0 {
+                return;
+            }
+            let step = if is_x { steps.x } else { 0 }
+                | if is_y { steps.y } else { 0 }
+                | if is_z { steps.z } else { 0 };
+            index = index.wrapping_add_signed(step as isize);
+            next += Vec3::new(
+                if is_x { per_cell.x } else { 0.0 },
+                if is_y { per_cell.y } else { 0.0 },
+                if is_z { per_cell.z } else { 0.0 },
+            );
         }
     }
 }

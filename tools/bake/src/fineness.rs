@@ -8,15 +8,15 @@
 use crate::builder::Builder;
 use crate::clip::clip_to_grid;
 use crate::exposure::Exposure;
-use crate::rows::patch_key;
+use crate::rows::{patch_key, voxel_of_key};
 use crate::sample::{EVERYWHERE, OFF_SURFACE, SurfaceSample, sample_triangle, side_weights};
 use earthshine_scene::Scene;
 use earthshine_tiles::BakeParameters;
 use earthshine_trace::SceneTracer;
-use earthshine_world::Grid;
 use earthshine_world::random::{Purpose, hash};
+use earthshine_world::{ChunkCoord, Grid};
 use rayon::prelude::*;
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::ops::RangeInclusive;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
@@ -38,12 +38,21 @@ const STEPS: u32 = 8;
 const NEAR_ENOUGH: f64 = 0.03;
 
 /// An edge, and how many patches it makes.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EdgeGuess {
     /// m.
     pub voxel_edge_m: f32,
-    /// About so many; `None` where it was only found that they are many more than wanted.
-    pub patches: Option<u64>,
+    /// `None` where it was only found that they are many more than wanted.
+    pub patches: Option<PatchGuess>,
+}
+
+/// About how many patches there are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PatchGuess {
+    /// In all.
+    pub count: f64,
+    /// In the chunk that has most.
+    pub of_chunk_max: f64,
 }
 
 /// Counts the patches of a scene.
@@ -77,7 +86,7 @@ impl<'a> PatchCounter<'a> {
             let factor = match self.patches_at(edge as f32, EXCESS * patches) {
                 None => EXCESS.sqrt(),
                 // Surfaces: patches go with the square of the edge.
-                Some(found) => (found / patches).sqrt(),
+                Some(found) => (found.count / patches).sqrt(),
             };
             let next = within(edge * factor).max(finest);
             let is_near = (next / edge - 1.0).abs() < NEAR_ENOUGH / 2.0;
@@ -87,19 +96,24 @@ impl<'a> PatchCounter<'a> {
             }
         }
         let voxel_edge_m = three_digits(edge) as f32;
-        let found = self.patches_at(voxel_edge_m, EXCESS * patches);
-        EdgeGuess { voxel_edge_m, patches: found.map(|found| found.round() as u64) }
+        EdgeGuess { voxel_edge_m, patches: self.patches_at(voxel_edge_m, EXCESS * patches) }
     }
 
     /// About how many patches a voxel edge of `edge_m` makes; `None` for more than `most`, buried ones among them.
     #[must_use]
-    pub fn patches_at(&self, edge_m: f32, most: f64) -> Option<f64> {
+    pub fn patches_at(&self, edge_m: f32, most: f64) -> Option<PatchGuess> {
         let grid = Grid { voxel_edge_m: edge_m, ..self.parameters.grid };
         // Not by the bake's seed: its edge would hang on it.
         let parameters = BakeParameters { grid, detail: 1, seed: 0, ..*self.parameters };
         let places = self.places(edge_m, most as usize)?;
-        let count = places.len() as f64;
-        Some(count * self.exposed_share(places, &parameters))
+        let mut by_chunk: HashMap<ChunkCoord, usize> = HashMap::new();
+        for &place in &places {
+            *by_chunk.entry(grid.chunk_of(voxel_of_key(place))).or_default() += 1;
+        }
+        let (count, of_chunk_max) = (places.len(), by_chunk.into_values().max().unwrap_or(0));
+        // What is buried is taken to be so everywhere.
+        let exposed = self.exposed_share(places, &parameters);
+        Some(PatchGuess { count: count as f64 * exposed, of_chunk_max: of_chunk_max as f64 * exposed })
     }
 
     /// Every direction that something faces in a voxel of `edge_m`, ascending; `None` for more than `most`.

@@ -220,3 +220,23 @@ pub fn patch_key(voxel: earthshine_world::VoxelCoord, direction: usize) -> u64 {
     let bits = |c: i32| u64::from(c.cast_unsigned() & 0x000F_FFFF);
     bits(voxel.x) << 44 | bits(voxel.y) << 24 | bits(voxel.z) << 4 | direction as u64
 }
+
+/// The voxel of a [`patch_key`], if its coordinates are within 2^19.
+pub(crate) fn voxel_of_key(key: u64) -> earthshine_world::VoxelCoord {
+    // Twenty bits with their sign.
+    let coordinate = |shift: u32| ((key >> shift) as i32) << 12 >> 12;
+    [coordinate(44), coordinate(24), coordinate(4)].into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use earthshine_world::VoxelCoord;
+
+    #[test]
+    fn keys_hold_their_voxels() {
+        for voxel in [[0, 0, 0], [-1, 2, -3], [524_287, -524_288, 77]].map(VoxelCoord::from) {
+            assert_eq!(voxel_of_key(patch_key(voxel, 5)), voxel);
+        }
+    }
+}

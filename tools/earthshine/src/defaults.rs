@@ -4,13 +4,14 @@
 //! since bytes and seconds grow with it. `tools/bake/ACCURACY.md` has the measurements behind the numbers here.
 
 use crate::scene_source::SceneSource;
-use earthshine_bake::fineness::PatchCounter;
+use earthshine_bake::fineness::{PatchCounter, PatchGuess};
 use earthshine_bake::surfaces::is_streamed;
 use earthshine_gen::WorldKind;
 use earthshine_scene::Scene;
 use earthshine_tiles::BakeParameters;
 use earthshine_world::{Grid, Receivers, Vec3};
-use serde::Serialize;
+use serde::ser::SerializeMap as _;
+use serde::{Serialize, Serializer};
 use std::ops::RangeInclusive;
 
 /// Patches that the voxel edge of a file aims at.
@@ -19,28 +20,37 @@ const PATCHES_AIM: f64 = 13_000.0;
 const EDGES_M: RangeInclusive<f32> = 0.016..=4.0;
 /// Most patches of a world with detail: several times what a building has.
 const DETAILED_PATCHES_MAX: u64 = 50_000;
-/// Most rays that detail may take: some two minutes of two cores.
-const DETAIL_RAYS_MAX: u64 = 1 << 28;
-/// Most columns that rows of detail may have in all, of 8 bytes each where they are decoded: a server's
-/// `engine.decoded_bytes_max` has room for the rest.
-const DETAIL_COLUMNS_MAX: u64 = 51_000_000;
-/// Most parts, though all lay in one chunk: layers make a fifth more receivers of them.
-const CHUNK_PARTS_MAX: u64 = Receivers::COUNT_MAX as u64 * 5 / 6;
-/// Rays of a part come in steps of so many.
+/// Most rays that detail may take: some two minutes of two cores, with the rest of the bake.
+const DETAIL_RAYS_MAX: u64 = 3 << 26;
+/// What a world may take decoded, all of it, so that a server of default size (`engine.decoded_bytes_max`) holds it.
+const DECODED_BYTES_MAX: u64 = 500_000_000;
+/// Bytes that a patch takes decoded, with its row, points, and the receivers in the air about it (Sponza: 6,400); what a part
+/// of one takes beside its columns, and a column.
+const PATCH_DECODED_BYTES: u64 = 6_500;
+const PART_DECODED_BYTES: f64 = 56.0;
+const COLUMN_DECODED_BYTES: f64 = 8.0;
+/// Share of the columns that a part may have which parts have in the mean: most see fewer patches (Sponza at 8: 0.71 of 128).
+const COLUMNS_USED: f64 = 0.7;
+/// Parts with layers for each without (Sponza at 8).
+const LAYERS: f64 = 1.08;
+/// Most parts of a chunk: layers make more receivers of them, and guesses are off by up to a seventh.
+const CHUNK_PARTS_MAX: f64 = Receivers::COUNT_MAX as f64 * 3.0 / 4.0;
+/// Rays of a part, and its columns, come in steps of so many.
 const RAYS_STEP: u64 = 64;
-/// Columns of a part, at least and at most: fewer are noise (80 instead of 192 took Sponza's median from 3.6 to 5.1 %), more
-/// tell nothing.
-const COLUMNS: [u32; 2] = [128, 192];
-/// Details that are tried, the best first, and the rays that a part of a patch casts at least and at most. The edges of
-/// sunlight and lamplight are sharp, and direct light has no noise of rays.
-const SHARP: Steps = Steps { details: &[8, 4, 2], rays: [256, 512] };
+const COLUMNS_STEP: u32 = 16;
+/// Most columns of a part: more tell nothing.
+const COLUMNS_MAX: u32 = 192;
+/// Details that are tried, the best first, the rays that a part of a patch casts at least and at most, and its columns at
+/// least. The edges of sunlight and lamplight are sharp, and direct light has no noise of rays. Relative RMSE of Sponza at 8
+/// with 256 rays: 11.4 % with 128 columns, 11.8 with 96, 12.3 with 80.
+const SHARP: Steps = Steps { details: &[8, 4, 2], rays: [256, 512], columns_min: 96 };
 /// The same for scenes in which surfaces emit: their light is soft, and few rays find them.
-const SOFT: Steps = Steps { details: &[2], rays: [1024, 2048] };
+const SOFT: Steps = Steps { details: &[2], rays: [1024, 2048], columns_min: 128 };
 /// Sample points of a patch, and of a voxel face, in worlds with detail and in those without.
 const POINTS: [u32; 2] = [64, 16];
 /// Bytes on disk of a patch with its row and the receivers about it; of a part of one, and of each column of its row.
 const PATCH_BYTES: u64 = 1500;
-const PART_BYTES: u64 = 33;
+const PART_BYTES: f64 = 33.0;
 const COLUMN_BYTES: f64 = 0.9;
 
 /// What somebody asked for, as far as they did.
@@ -57,13 +67,9 @@ pub(crate) struct Wish {
 /// Parameters of a bake, and what they were chosen for.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct Chosen {
-    #[serde(skip)]
+    /// Of which what may be chosen is told.
+    #[serde(flatten, serialize_with = "choosable")]
     pub(crate) parameters: BakeParameters,
-    voxel_edge_m: f32,
-    detail: u32,
-    detail_rays: u32,
-    detail_columns: u32,
-    points_per_patch: u32,
     /// Patches that were counted beforehand; `None` where nothing hung on them, or they were too many to count.
     patches_guessed: Option<u64>,
     /// What the world may take.
@@ -78,6 +84,7 @@ pub(crate) struct Chosen {
 struct Steps {
     details: &'static [u32],
     rays: [u32; 2],
+    columns_min: u32,
 }
 
 /// Detail voxels along a voxel's edge, and rays and columns of a part in one.
@@ -103,12 +110,11 @@ impl Wish {
         let emits = material_of.iter().any(|&of| materials[of as usize].emitted_radiance != Vec3::ZERO);
         // Clusters and sums over points are for offline comparisons of patches.
         let is_counted = self.detail.is_none() && is_streamed(&base.method);
-        let patches_guessed = match found {
+        let guess = match found {
             None if is_counted => counted(&counter, voxel_edge_m),
             _ => found.flatten(),
         };
-        let fitting =
-            if is_counted { patches_guessed.and_then(|patches| fitting(patches, emits)) } else { None };
+        let fitting = if is_counted { guess.and_then(|guess| fitting(&guess, emits)) } else { None };
         let none = Detail {
             per_edge: self.detail.unwrap_or(1),
             rays: base.detail_rays,
@@ -125,13 +131,9 @@ impl Wish {
             samples_per_voxel_face: self.samples_per_face.unwrap_or(points),
             ..base
         };
+        let patches_guessed = guess.map(|guess| guess.count.round() as u64);
         Chosen {
             parameters,
-            voxel_edge_m,
-            detail,
-            detail_rays: parameters.detail_rays,
-            detail_columns: parameters.detail_columns,
-            points_per_patch: parameters.points_per_patch,
             patches_guessed,
             bytes_guessed: patches_guessed.map(|patches| bytes(patches, &parameters)),
             is_voxel_chosen: self.voxel_edge_m.is_none(),
@@ -143,7 +145,8 @@ impl Wish {
 impl Chosen {
     /// What was chosen, and for what, in a line; `None` if nothing was.
     pub(crate) fn told(&self) -> Option<String> {
-        let Self { voxel_edge_m, detail, detail_rays, points_per_patch, .. } = self;
+        let BakeParameters { grid, detail, detail_rays, points_per_patch, .. } = &self.parameters;
+        let voxel_edge_m = grid.voxel_edge_m;
         let voxel = self.is_voxel_chosen.then(|| format!("voxels of {voxel_edge_m} m"));
         let detail = self.is_detail_chosen.then(|| match detail {
             1 => "no detail".to_owned(),
@@ -157,49 +160,66 @@ impl Chosen {
     }
 }
 
+fn choosable<S: Serializer>(parameters: &BakeParameters, serializer: S) -> Result<S::Ok, S::Error> {
+    let mut map = serializer.serialize_map(None)?;
+    map.serialize_entry("voxel_edge_m", &parameters.grid.voxel_edge_m)?;
+    map.serialize_entry("detail", &parameters.detail)?;
+    map.serialize_entry("detail_rays", &parameters.detail_rays)?;
+    map.serialize_entry("detail_columns", &parameters.detail_columns)?;
+    map.serialize_entry("points_per_patch", &parameters.points_per_patch)?;
+    map.end()
+}
+
 /// About how many patches an edge makes, if not too many for any detail.
-fn counted(counter: &PatchCounter<'_>, voxel_edge_m: f32) -> Option<u64> {
+fn counted(counter: &PatchCounter<'_>, voxel_edge_m: f32) -> Option<PatchGuess> {
     // What cannot be an edge is refused by the bake, in its own words.
     let is_edge = voxel_edge_m.is_finite() && voxel_edge_m > 0.0;
     // Half of all places may be buried.
     let most = 2.0 * DETAILED_PATCHES_MAX as f64;
-    let found = if is_edge { counter.patches_at(voxel_edge_m, most) } else { None };
-    found.map(|patches| patches.round() as u64)
+    if is_edge { counter.patches_at(voxel_edge_m, most) } else { None }
 }
 
 /// The most detail that so many patches may have, if any.
-fn fitting(patches: u64, emits: bool) -> Option<Detail> {
+fn fitting(guess: &PatchGuess, emits: bool) -> Option<Detail> {
+    let patches = guess.count.round() as u64;
     if patches > DETAILED_PATCHES_MAX {
         return None;
     }
-    let Steps { details, rays: [fewest, most] } = if emits { SOFT } else { SHARP };
+    let Steps { details, rays: [fewest, most], columns_min } = if emits { SOFT } else { SHARP };
     details.iter().find_map(|&per_edge| {
-        let parts = parts(patches, per_edge).max(1);
-        if parts > CHUNK_PARTS_MAX {
+        if parts(guess.of_chunk_max, per_edge) > CHUNK_PARTS_MAX {
             return None;
         }
-        let rays = (DETAIL_RAYS_MAX / parts / RAYS_STEP * RAYS_STEP).min(u64::from(most)) as u32;
-        let columns = (DETAIL_COLUMNS_MAX / parts).min(u64::from(COLUMNS[1])) as u32;
-        (rays >= fewest && columns >= COLUMNS[0]).then_some(Detail { per_edge, rays, columns })
+        let parts = parts(guess.count, per_edge).max(1.0);
+        let rays = (DETAIL_RAYS_MAX / parts as u64 / RAYS_STEP * RAYS_STEP).min(u64::from(most)) as u32;
+        let columns = columns_held(patches, parts) / COLUMNS_STEP * COLUMNS_STEP;
+        (rays >= fewest && columns >= columns_min).then_some(Detail { per_edge, rays, columns })
     })
+}
+
+/// The columns that each of `parts` may have so that a server holds them all, beside so many patches.
+fn columns_held(patches: u64, parts: f64) -> u32 {
+    let room = DECODED_BYTES_MAX.saturating_sub(patches * PATCH_DECODED_BYTES) as f64;
+    let of_part = room / (parts * LAYERS) - PART_DECODED_BYTES;
+    ((of_part / COLUMN_DECODED_BYTES / COLUMNS_USED) as u32).min(COLUMNS_MAX)
 }
 
 /// About how many parts detail makes of so many patches: fewer than squares, as what is small does not fill them. Cornell
 /// box, office and Sponza: 3.5 to 3.8 at 2, 13.5 to 14.4 at 4, 45 to 53 at 8.
-fn parts(patches: u64, per_edge: u32) -> u64 {
-    let tenths = match per_edge {
-        1 => 0,
-        2 => 36,
-        4 => 140,
-        _ => 480,
+fn parts(patches: f64, per_edge: u32) -> f64 {
+    let of_patch = match per_edge {
+        1 => 0.0,
+        2 => 3.6,
+        4 => 14.0,
+        _ => 48.0,
     };
-    patches * tenths / 10
+    patches * of_patch
 }
 
 fn bytes(patches: u64, parameters: &BakeParameters) -> u64 {
     let columns = f64::from(parameters.detail_rays.min(parameters.detail_columns));
-    let of_part = PART_BYTES + (columns * COLUMN_BYTES) as u64;
-    patches * PATCH_BYTES + parts(patches, parameters.detail) * of_part
+    let of_part = PART_BYTES + columns * COLUMN_BYTES;
+    patches * PATCH_BYTES + (parts(patches as f64, parameters.detail) * of_part) as u64
 }
 
 fn generated_edge_m(kind: WorldKind) -> f32 {
@@ -216,24 +236,62 @@ fn generated_edge_m(kind: WorldKind) -> f32 {
 mod tests {
     use super::*;
 
+    /// Spread over chunks as Sponza is.
+    fn spread(count: f64) -> PatchGuess {
+        PatchGuess { count, of_chunk_max: count / 4.0 }
+    }
+
     #[test]
-    fn detail_is_what_the_rays_suffice_for() {
-        let of = |patches, emits| {
-            fitting(patches, emits).map(|detail| (detail.per_edge, detail.rays, detail.columns))
+    fn detail_is_what_rays_and_memory_suffice_for() {
+        let of = |guess: PatchGuess, emits| {
+            fitting(&guess, emits).map(|detail| (detail.per_edge, detail.rays, detail.columns))
         };
-        assert_eq!(of(1_000, false), Some((8, 512, 192)));
-        assert_eq!(of(4_500, false), Some((8, 512, 192)));
-        assert_eq!(of(6_000, false), Some((4, 512, 192)), "a chunk holds no more at 8");
-        assert_eq!(of(13_000, false), Some((4, 512, 192)));
-        assert_eq!(of(47_000, false), Some((2, 512, 192)));
-        assert_eq!(of(2_000, true), Some((2, 2048, 192)));
-        assert_eq!(of(47_000, true), Some((2, 1536, 192)));
-        assert_eq!((of(60_000, false), of(60_000, true)), (None, None));
-        assert_eq!(of(0, false), Some((8, 512, 192)));
-        for patches in (0..DETAILED_PATCHES_MAX).step_by(137) {
-            let Some(Detail { per_edge, rays, columns }) = fitting(patches, false) else { continue };
-            let all = |each: u32| parts(patches, per_edge) * u64::from(each);
-            assert!(all(rays) <= DETAIL_RAYS_MAX && all(columns) <= DETAIL_COLUMNS_MAX, "{patches}");
+        let sharp = |count| of(spread(count), false);
+        assert_eq!(sharp(1_000.0), Some((8, 512, 192)));
+        assert_eq!(sharp(6_000.0), Some((8, 512, 192)));
+        assert_eq!(sharp(13_200.0), Some((8, 256, 96)));
+        assert_eq!(sharp(15_000.0), Some((4, 512, 192)), "too many columns at 8");
+        assert_eq!(sharp(47_000.0), Some((2, 512, 176)));
+        assert_eq!(sharp(0.0), Some((8, 512, 192)));
+        let in_one_chunk = PatchGuess { count: 6_000.0, of_chunk_max: 6_000.0 };
+        assert_eq!(of(in_one_chunk, false), Some((4, 512, 192)), "a chunk holds no more at 8");
+        assert_eq!(of(spread(2_000.0), true), Some((2, 2048, 192)));
+        assert_eq!(of(spread(47_000.0), true), Some((2, 1152, 176)));
+        assert_eq!((sharp(60_000.0), of(spread(60_000.0), true)), (None, None));
+    }
+
+    #[test]
+    fn what_is_chosen_is_told_once() {
+        let parameters = BakeParameters { detail: 4, detail_rays: 320, ..BakeParameters::default() };
+        let chosen = Chosen {
+            parameters,
+            patches_guessed: Some(7),
+            bytes_guessed: None,
+            is_voxel_chosen: false,
+            is_detail_chosen: true,
+        };
+        let told = serde_json::to_value(&chosen).expect("plain numbers");
+        assert_eq!((&told["detail"], &told["detail_rays"]), (&4.into(), &320.into()));
+        assert_eq!(
+            (told["patches_guessed"].as_u64(), told.as_object().map(serde_json::Map::len)),
+            (Some(7), Some(9))
+        );
+    }
+
+    #[test]
+    fn a_server_of_default_size_holds_what_is_chosen() {
+        let most = earthshine_server::config::Config::default().engine.decoded_bytes_max;
+        assert!(DECODED_BYTES_MAX < most && DECODED_BYTES_MAX > most / 10 * 9, "{most}");
+        for count in (0..DETAILED_PATCHES_MAX).step_by(137) {
+            let Some(Detail { per_edge, rays, columns }) = fitting(&spread(count as f64), false) else {
+                continue;
+            };
+            let parts = parts(count as f64, per_edge);
+            assert!(parts as u64 * u64::from(rays) <= DETAIL_RAYS_MAX, "{count}");
+            let columns = f64::from(columns) * COLUMNS_USED * COLUMN_DECODED_BYTES;
+            let bytes =
+                (count * PATCH_DECODED_BYTES) as f64 + parts * LAYERS * (PART_DECODED_BYTES + columns);
+            assert!(bytes <= DECODED_BYTES_MAX as f64, "{count}: {bytes}");
         }
     }
 }

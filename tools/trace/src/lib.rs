@@ -1,7 +1,8 @@
 //! Rays against a scene: the closest surface along a ray, whether a segment is free, and directions to shoot in.
 //!
 //! Trees are `obvhs`'s eight-wide compressed BVHs: one over all triangles, or one a mesh under one over placements, which
-//! takes a quarter of the memory or less and finds the same hits, bit for bit. Holes of alpha masks are asked for at every crossing.
+//! takes a quarter of the memory or less and finds the same hits, bit for bit; `follow` goes down them. Holes of alpha
+//! masks are asked for at every crossing.
 //! Everything is two-sided here; what a hit means (reflectance, emission, which patch) is its caller's
 //! business. Start at [`SceneTracer::closest`].
 

@@ -32,9 +32,12 @@ pub(super) struct LapMemory {
     pub(super) others_bytes: u64,
 }
 
+/// What is called how, and how to read it.
+type Column = (&'static str, fn(&LapMemory) -> u64);
+
 impl LapMemory {
     /// What is printed of a lap, one line each.
-    pub(super) const COLUMNS: [(&'static str, fn(&Self) -> u64); 15] = [
+    pub(super) const COLUMNS: [Column; 15] = [
         ("resident", |lap| lap.resident_bytes),
         ("mapped files", |lap| lap.mapped_bytes),
         ("heap, resident", |lap| lap.heap.map_or(0, |heap| heap.resident_bytes)),
