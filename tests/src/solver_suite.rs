@@ -119,6 +119,7 @@ impl Pair {
         for _ in 0..SETTLE_FRAMES {
             self.step(1);
             self.light();
+            self.backend.take_news(&mut Vec::new()).expect("it is told");
             if self.backend.is_settled() {
                 return;
             }

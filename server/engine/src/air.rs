@@ -69,7 +69,8 @@ impl Told {
 pub(crate) struct AirSet {
     /// Ascending by voxel (x, y, z).
     voxels: Vec<AirVoxel>,
-    /// Lists of voxels that nobody chose any more, to be used again.
+    /// Lists of voxels that nobody chose any more, to be used again: [`LEFT_MAX`] at most, none of them longer than
+    /// [`LEFT_ROOM_MAX`], or in time every voxel would have room for the detail of the richest.
     left: Vec<Told>,
     /// Room for what a tick tells.
     told: Told,
@@ -151,6 +152,10 @@ impl Near<'_> {
 /// Detail voxels that a session is told of, at most: those of the voxels nearest to the camera.
 pub(crate) const DETAIL_VOXELS_MAX: usize = EngineConfig::DETAIL_VOXELS_LIMIT as usize;
 
+/// Lists that are kept for other voxels, and lights that each has room for, at most.
+const LEFT_MAX: usize = 1024;
+const LEFT_ROOM_MAX: usize = 64;
+
 impl AirSet {
     /// Chooses the `voxels_max` nearest voxels with receivers of `chunks` (wanted, in memory). What stays keeps its light.
     ///
@@ -212,7 +217,9 @@ impl AirSet {
     /// What it told is not to be told any more.
     fn let_go(&mut self, gone: AirVoxel) {
         self.has_news |= !(gone.told.lights.is_empty() && gone.told.details.is_empty());
-        self.left.push(gone.told);
+        if self.left.len() < LEFT_MAX && gone.told.capacity() <= LEFT_ROOM_MAX {
+            self.left.push(gone.told);
+        }
     }
 
     fn fresh(&mut self, candidate: &Near<'_>, table: &ChunkTable) -> AirVoxel {

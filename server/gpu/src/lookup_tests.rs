@@ -215,7 +215,7 @@ fn the_shader_reads_what_the_client_library_reads() {
             assert!(found[3] == 1.0 && off < 1e-3, "{at}: {position} {normal}: {found:?} for {expected:?}");
         }
         assert!(volumes.is_empty() || lit > 2000, "{lit} lit, {dark} dark");
-        assert!(lit > 0 || dark == places.len());
+        assert!(!volumes.is_empty() || lit == 0, "light of nothing");
     }
     // Places near the end of a volume share it with the next: without that some would be read otherwise.
     let blended = places.iter().filter(|&&(position, normal)| {

@@ -253,7 +253,7 @@ pub trait Backend: Send {
     }
 
     /// Whether another step without any change would leave the light as it is, to the bit, and no news of it is on its way
-    /// ([`take_news`](Self::take_news)). A matrix settles in one step; methods that go on by themselves have to be stepped
+    /// or waits to be taken ([`take_news`](Self::take_news)). A matrix settles in one step; methods that go on by themselves have to be stepped
     /// until then.
     fn is_settled(&self) -> bool {
         true

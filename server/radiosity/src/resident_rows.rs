@@ -3,8 +3,8 @@
 //! A patch that leaves would have to be struck from every row that sees it. Instead each slot counts
 //! its tenants, an entry remembers which tenant it meant, and stale entries are dropped when a row would
 //! have to grow. So a row never holds more than twice its live entries, or the least room there is. Room comes in powers of
-//! two and goes from hand to hand: what one row gave back another takes, so that all of it together is what
-//! the rows of one moment needed, not the most that each slot ever did.
+//! two, and that of a patch that left goes to another: of each size there is what the rows needed at some moment, not the
+//! most that each slot ever did.
 
 /// One form factor.
 #[derive(Debug, Clone, Copy)]
@@ -44,8 +44,8 @@ impl ResidentRows {
             if live * 2 > room || room == 0 {
                 let mut wider = self.take_room(2 * room);
                 wider.extend_from_slice(&self.rows[row]);
-                let narrower = std::mem::replace(&mut self.rows[row], wider);
-                self.give_room(narrower);
+                // The narrower room is given up: rows grow side by side, and nobody would want it again.
+                self.rows[row] = wider;
             }
         }
         self.rows[row].push(entry);
@@ -133,6 +133,14 @@ mod tests {
         }
         assert_eq!(rows.bytes(), most, "as after the first");
         assert!(most <= 2 * 256 * size_of::<Entry>(), "{most}");
+    }
+
+    /// Goal: rows that grow side by side, as a patch that comes is seen by many, leave nothing behind on their way.
+    #[test]
+    fn rows_that_grow_together_hold_what_they_need() {
+        let mut rows = ResidentRows::new(256);
+        (0..200).for_each(|column| (0..256).for_each(|row| rows.insert(row, column, 1e-3)));
+        assert_eq!(rows.bytes(), 256 * 256 * size_of::<Entry>());
     }
 
     /// Goal: bounded memory, and no ghosts when the count of tenants wraps. Method: 200,000 tenants of one slot.

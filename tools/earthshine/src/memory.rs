@@ -71,9 +71,10 @@ mod tests {
     #[test]
     fn the_heap_holds_what_is_taken() {
         let before = heap().expect("the allocator counts");
-        let taken = vec![1u8; 8 << 20];
+        // Far more than tests beside this one may give back meanwhile; not touched.
+        let taken = vec![0u8; 512 << 20];
         let during = heap().expect("the allocator counts");
-        assert!(during.allocated_bytes >= before.allocated_bytes + (4 << 20), "{before:?} {during:?}");
+        assert!(during.allocated_bytes >= before.allocated_bytes + (256 << 20), "{before:?} {during:?}");
         assert!(
             during.active_bytes >= during.allocated_bytes && during.resident_bytes >= during.active_bytes
         );

@@ -3,14 +3,16 @@
 //! A path-traced reference is never free of noise, and SSIM takes noise for structure that is missing. Noise of two
 //! references of different seeds is independent: a product of one with the other knows none of it. So where a measure
 //! squares the reference, one reference is multiplied by the other; what is left is the measure against a
-//! reference of endless paths, but for rounding to 8 bits. Noise of the measured picture itself still counts.
+//! reference of endless paths, but for rounding to 8 bits and what tone encoding makes of a mean of noisy pixels. Noise of the
+//! measured picture itself still counts.
 //!
 //! SSIM divides by such a product, of one window, and that is noisy too. Where a wall is flat, noise of variance `s` in each
 //! reference makes a variance `s^2 sum w^2` (w the window's weights) in a divisor of about SSIM's stabiliser: at 128 paths a
 //! pixel as large as the divisor itself. Bounding a window's value to 1, and a variance to 0, would take all that is too
-//! good and keep all that is too bad (.91 for .96 on a picture of Sponza). So nothing is bounded, and the mean of the
-//! quotient is corrected to second order; [`NoiselessErrors::ssim_correction`] says by how much. What is left to
-//! higher orders is some thousandths where that is below [`CORRECTION_MAX`].
+//! good and keep all that is too bad (.91 for .96 on a picture of Sponza). So neither is bounded, but for a divisor, at half
+//! the stabiliser from below, and the mean of the quotient is corrected to second order;
+//! [`NoiselessErrors::ssim_correction`] says by how much. What is left to higher orders is some thousandths where that is
+//! below [`CORRECTION_MAX`], and makes the picture worse rather than better.
 //!
 //! Measures against a single reference are in [`crate::metrics`].
 

@@ -32,10 +32,10 @@ pub fn work_texels(camera: &Pinhole) -> u64 {
 }
 
 /// Served light refined by `options.far_samples` rays a pixel, whose ends `lookup` answers for. Where `lookup` knows nothing
-/// of a surface that is in view, `plain` and `refined` are zero.
+/// of a surface that is in view, `plain` and `refined` are zero; of one that a ray meets, nothing but lamps lights it.
 ///
-/// `finished` hears of finished texels ([`work_texels`] in all), from any thread. Costs a ray and a ray to each lamp for
-/// each sample.
+/// `finished` hears of finished texels ([`work_texels`] in all), from any thread. Costs a ray for each sample, and at its end a
+/// ray to an emitter and to each of a few lamps.
 ///
 /// # Errors
 /// The options cannot be.
@@ -48,14 +48,16 @@ pub fn served(
 ) -> Result<ScreenIrradiance, ScreenSpaceError> {
     options.validate()?;
     let paths = PathTracer { tracer, rig, emitter_sampling: EmitterSampling::Balanced };
-    let buffer = GBuffer::trace(tracer, &options.camera.finer(FINER));
+    let finer = options.camera.finer(FINER);
+    let texels_a_pixel = (finer.width() / options.camera.width()).pow(2);
+    let buffer = GBuffer::trace(tracer, &finer);
     let known = |vertex: &Vertex| lookup(off_surface(vertex.position, vertex.normal), vertex.normal);
     let reflected = |vertex: &Vertex, stream: &mut PathStream| {
         let lamps = paths.lamp_irradiance(vertex, stream, &mut 0);
         vertex.reflectance * FRAC_1_PI * (lamps + known(vertex).unwrap_or(Rgb::ZERO))
     };
     let rays = Rays {
-        samples: options.far_samples.div_ceil(FINER * FINER),
+        samples: options.far_samples.div_ceil(texels_a_pixel),
         radius_m: options.radius_m,
         seed: options.seed,
     };

@@ -20,9 +20,9 @@ pub(super) struct Footprint {
 pub(super) struct LapMemory {
     /// Of the whole process: server, client and mapped files.
     pub(super) resident_bytes: u64,
-    /// Of that, the process's own.
+    /// The process's own, when that was most.
     pub(super) anonymous_bytes: u64,
-    /// Of that, pages of mapped files: the program and tiles.
+    /// Of what is resident, pages of mapped files: the program and tiles.
     pub(super) mapped_bytes: u64,
     /// What the allocator holds; nothing where it does not say.
     pub(super) heap: Option<Heap>,
@@ -82,9 +82,11 @@ impl Footprint {
         let last = self.laps.len() - 1;
         let most = &mut self.laps[(lap as usize).min(last)];
         let now = LapMemory::now(stores);
+        let anonymous_bytes = now.anonymous_bytes.max(most.anonymous_bytes);
         if now.resident_bytes > most.resident_bytes {
             *most = now;
         }
+        most.anonymous_bytes = anonymous_bytes;
     }
 
     /// One number of each lap.
