@@ -134,7 +134,7 @@ impl Default for EngineConfig {
             coarse_patches_max: 1024,
             sessions_max: 8,
             tiles_in_flight_max: 8,
-            decoded_bytes_max: 512 << 20,
+            decoded_bytes_max: 640 << 20,
             spare_bytes_max: 64 << 20,
             accepted_bytes_per_tick_max: 16 << 20,
             load_radius_m: 48.0,

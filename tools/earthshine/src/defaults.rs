@@ -281,7 +281,8 @@ mod tests {
     #[test]
     fn a_server_of_default_size_holds_what_is_chosen() {
         let most = earthshine_server::config::Config::default().engine.decoded_bytes_max;
-        assert!(DECODED_BYTES_MAX < most && DECODED_BYTES_MAX > most / 10 * 9, "{most}");
+        // A quarter is for what the rule is off by: Sponza comes out at some 540 MB.
+        assert!(DECODED_BYTES_MAX < most / 4 * 3 && DECODED_BYTES_MAX > most / 10 * 7, "{most}");
         for count in (0..DETAILED_PATCHES_MAX).step_by(137) {
             let Some(Detail { per_edge, rays, columns }) = fitting(&spread(count as f64), false) else {
                 continue;
