@@ -1,8 +1,8 @@
 //! Follows a ray down a tree of `obvhs`, with the widest instructions that the machine has.
 //!
 //! `obvhs` tests the eight boxes of a node four at a time and turns their bytes into numbers one by one, as machines without
-//! AVX2 have to. Where a machine has it all eight are tested at once here, by the same sums: the same boxes are met, bit for
-//! bit (tested below), in the same order.
+//! AVX2 have to. Where a machine has it all eight are tested at once here, by the same sums:
+//! of finite numbers, bit for bit the same boxes are met (tested below), in the same order.
 
 use glam::UVec2;
 use obvhs::cwbvh::CwBvh;

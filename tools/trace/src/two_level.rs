@@ -42,7 +42,8 @@ struct Standing {
 }
 
 impl TwoLevel {
-    /// Builds the trees: about 1 s a million triangles of different shapes.
+    /// Builds the trees: about 1 s a million triangles of different shapes, some four times as long for shapes that
+    /// are small enough to be refined.
     pub(crate) fn new(scene: &Scene) -> Self {
         let mut by_shape: BTreeMap<u32, Vec<PlacedMesh>> = BTreeMap::new();
         for placed in &scene.placements {
