@@ -354,8 +354,8 @@ fn gauges(report: &EngineReport) -> Vec<(&'static str, &'static str, f64)> {
         ("chunks_quarantined", "Chunks given up", f64::from(stats.chunks.quarantined)),
         ("held_bytes", "Memory of the tiles held", stats.decoded_bytes as f64),
         ("spare_tile_bytes", "Of that, of tiles that no camera wants", memory.spare_tile_bytes as f64),
-        ("matrix_bytes", "Main memory of local matrices; none of those on a device", memory.matrix_bytes as f64),
-        ("row_bytes", "Main memory of form factors between residents; none of those on a device", memory.row_bytes as f64),
+        ("matrix_bytes", "Memory of local matrices, none on a device", memory.matrix_bytes as f64),
+        ("row_bytes", "Memory of form factors between residents, none on a device", memory.row_bytes as f64),
         (
             "resident_bytes",
             "Memory of resident patches and how their rows split",
