@@ -3,8 +3,9 @@
 //! A patch that leaves would have to be struck from every row that sees it. Instead each slot counts
 //! its tenants, an entry remembers which tenant it meant, and stale entries are dropped when a row would
 //! have to grow. So a row never holds more than twice its live entries, or the least room there is. Room comes in powers of
-//! two, and that of a patch that left goes to another: of each size there is what the rows needed at some moment, not the
-//! most that each slot ever did.
+//! two, and what one row gave back another takes: of each size there is what all rows needed at some moment, not what
+//! each slot ever did, and nothing is allocated once that is there. Rows that grew side by side have left less than as much
+//! again behind.
 
 /// One form factor.
 #[derive(Debug, Clone, Copy)]
@@ -44,8 +45,8 @@ impl ResidentRows {
             if live * 2 > room || room == 0 {
                 let mut wider = self.take_room(2 * room);
                 wider.extend_from_slice(&self.rows[row]);
-                // The narrower room is given up: rows grow side by side, and nobody would want it again.
-                self.rows[row] = wider;
+                let narrower = std::mem::replace(&mut self.rows[row], wider);
+                self.give_room(narrower);
             }
         }
         self.rows[row].push(entry);
@@ -135,12 +136,13 @@ mod tests {
         assert!(most <= 2 * 256 * size_of::<Entry>(), "{most}");
     }
 
-    /// Goal: rows that grow side by side, as a patch that comes is seen by many, leave nothing behind on their way.
+    /// Goal: rows that grow side by side, as a patch that comes is seen by many, leave less behind on their way than they hold.
     #[test]
-    fn rows_that_grow_together_hold_what_they_need() {
+    fn rows_that_grow_together_hold_less_than_twice_what_they_need() {
         let mut rows = ResidentRows::new(256);
         (0..200).for_each(|column| (0..256).for_each(|row| rows.insert(row, column, 1e-3)));
-        assert_eq!(rows.bytes(), 256 * 256 * size_of::<Entry>());
+        let needed = 256 * 256 * size_of::<Entry>();
+        assert!(rows.bytes() >= needed && rows.bytes() < 2 * needed, "{}", rows.bytes());
     }
 
     /// Goal: bounded memory, and no ghosts when the count of tenants wraps. Method: 200,000 tenants of one slot.
