@@ -8,6 +8,7 @@
 //! Few rays find a lamp by chance. So patches that emit cast theirs towards detail voxels too (`emitted`), and
 //! both estimates are averaged by what they vary (`with_emitters`). Long rows are thinned as those in the air are.
 
+use crate::detail_exposure;
 use crate::emitted::FromEmitter;
 use crate::estimator::emits;
 use crate::layers::layers_of;
@@ -89,7 +90,9 @@ impl DetailBake<'_> {
             let voxel = detail_voxel_of(sample.voxel, sample.position, sample.normal, parameters);
             SurfaceSample { voxel, ..*sample }
         };
-        let samples: Vec<SurfaceSample> = self.caster.samples.iter().filter(is_own).map(in_detail).collect();
+        let mut samples: Vec<SurfaceSample> =
+            self.caster.samples.iter().filter(is_own).map(in_detail).collect();
+        detail_exposure::expose(&mut samples, &self.caster);
         let parameters = parameters.of_detail_voxels();
         let parts = PatchSet::of_layers(&samples, &layers_of(&samples, &parameters), &parameters);
         (samples, parts)

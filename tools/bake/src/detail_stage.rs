@@ -26,7 +26,7 @@ use xxhash_rust::xxh3::xxh3_64;
 /// Rows are numbered by `u16` in row files.
 const RUN_ROWS: usize = 1 << 16;
 /// Which way of making and writing receivers: what was kept by another is of no use.
-const PAYLOAD_VERSION: u64 = 2;
+const PAYLOAD_VERSION: u64 = 3;
 /// Bytes of a place.
 const PLACE_BYTES: usize = 20;
 

@@ -34,6 +34,7 @@ pub mod content;
 mod counted_receivers;
 mod counted_rows;
 pub mod detail;
+mod detail_exposure;
 mod detail_stage;
 mod emit;
 mod emitted;

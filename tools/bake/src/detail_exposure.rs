@@ -1,0 +1,87 @@
+//! Which points of a chunk are hidden in their detail voxels.
+//!
+//! A point is hidden where most of what it sees is nearer than a quarter of its voxel: others hardly see it, and it must not
+//! share in the light of what they do see ([`crate::exposure`]). Detail is read where it lies, by voxels of half an edge and
+//! less. What is near for a voxel of four metres, the foot of a wall beside a parked car, is a place of its own there. So
+//! what is hidden is asked again, with what is near for its detail voxel.
+
+use crate::exposure::{Exposure, ExposureTest};
+use crate::rows::{RAY_OFFSET, RowCaster};
+use crate::sample::SurfaceSample;
+use rayon::prelude::*;
+use std::cell::Cell;
+
+/// Points asked together.
+const BATCH: usize = 256;
+
+/// Asks each hidden point of `samples`, which `caster`'s rays may begin on, whether it is hidden in its detail voxel too.
+///
+/// The rays are those that found it hidden, fewer where they soon tell.
+pub(crate) fn expose(samples: &mut [SurfaceSample], caster: &RowCaster<'_>) {
+    let parameters = caster.parameters;
+    samples.par_chunks_mut(BATCH).for_each(|samples| {
+        let test = ExposureTest {
+            tracer: caster.tracer,
+            rays: parameters.buried_rays,
+            voxel_edge_m: parameters.of_detail_voxels().grid.voxel_edge_m,
+            off_surface_m: RAY_OFFSET * parameters.grid.voxel_edge_m,
+            seed: parameters.seed,
+            cast: Cell::new(0),
+        };
+        for sample in samples.iter_mut().filter(|sample| sample.exposure == Exposure::Hidden) {
+            sample.exposure = test.of(sample);
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::patches::PatchSet;
+    use crate::test_shapes::{quad, scene_of};
+    use earthshine_tiles::BakeParameters;
+    use earthshine_trace::SceneTracer;
+    use earthshine_world::{Grid, Rgb, Vec3, VoxelCoord};
+
+    /// Of two points on a floor under lids, one 0.4 m above it and one 0.05 m, both hidden in a voxel of four metres.
+    fn exposures(detail: u32) -> Vec<Exposure> {
+        let [along, across] = [Vec3::X * 2.0, Vec3::Z * 4.0];
+        let lid = |x: f32, height: f32| quad(Vec3::new(x, height, 0.0), along, across);
+        let floor = quad(Vec3::ZERO, across, 2.0 * along);
+        let scene = scene_of([lid(0.0, 0.4), lid(2.0, 0.05), floor].concat());
+        let tracer = SceneTracer::new(&scene);
+        let parameters = BakeParameters {
+            grid: Grid { voxel_edge_m: 4.0, chunk_edge_voxels: 1 },
+            detail,
+            ..BakeParameters::default()
+        };
+        let set = PatchSet::group(&[], &parameters);
+        let caster = RowCaster {
+            tracer: (&tracer).into(),
+            samples: &[],
+            sources: &[],
+            first: 0,
+            set: &set,
+            parameters: &parameters,
+        };
+        let sample = |x: f32| SurfaceSample {
+            position: Vec3::new(x, 0.0, 2.0),
+            normal: Vec3::Y,
+            side: 0,
+            voxel: VoxelCoord::ZERO,
+            area: 1.0,
+            reflectance: Rgb::ONE,
+            emission: Rgb::ZERO,
+            exposure: Exposure::Hidden,
+        };
+        let mut samples = [sample(1.0), sample(3.0)];
+        expose(&mut samples, &caster);
+        samples.map(|sample| sample.exposure).to_vec()
+    }
+
+    #[test]
+    fn a_gap_is_hidden_by_the_size_of_the_voxel_that_is_read() {
+        assert_eq!(exposures(1), [Exposure::Hidden; 2], "voxels of 4 m");
+        assert_eq!(exposures(4), [Exposure::Open(1.0), Exposure::Hidden], "detail voxels of 1 m");
+    }
+}
