@@ -8,6 +8,7 @@
 use crate::builder::Builder;
 use crate::clip::clip_to_grid;
 use crate::exposure::Exposure;
+use crate::memory::{MemoryLimit, Trees};
 use crate::rows::{patch_key, voxel_of_key};
 use crate::sample::{EVERYWHERE, OFF_SURFACE, SurfaceSample, sample_triangle, side_weights};
 use earthshine_scene::Scene;
@@ -61,20 +62,27 @@ pub struct PatchCounter<'a> {
     scene: &'a Scene,
     /// All but the voxel edge counts.
     parameters: &'a BakeParameters,
-    /// Built when it is first needed.
-    tracer: OnceLock<SceneTracer<'a>>,
+    memory: MemoryLimit,
+    /// Built when it is first needed; `None` where no tree fits.
+    tracer: OnceLock<Option<SceneTracer<'a>>>,
 }
 
 impl<'a> PatchCounter<'a> {
     /// Of `scene`, as `parameters` would bake it by area and axis.
     #[must_use]
     pub fn new(scene: &'a Scene, parameters: &'a BakeParameters) -> Self {
-        Self { scene, parameters, tracer: OnceLock::new() }
+        Self { scene, parameters, memory: MemoryLimit::default(), tracer: OnceLock::new() }
+    }
+
+    /// The same with a tree that `memory` has room for. What is counted stays the same as long as one does.
+    #[must_use]
+    pub fn within(self, memory: MemoryLimit) -> Self {
+        Self { memory, ..self }
     }
 
     /// The edge within `edges_m` at which there are nearest to `patches`, to three digits.
     ///
-    /// Costs some passes over all triangles and, below two million of them, a tree.
+    /// Costs some passes over all triangles and, below two million of them, a tree that [`Self::within`] bounds.
     #[must_use]
     pub fn edge_for(&self, patches: f64, edges_m: &RangeInclusive<f32>) -> EdgeGuess {
         let within = |edge: f64| edge.clamp(f64::from(*edges_m.start()), f64::from(*edges_m.end()));
@@ -162,9 +170,9 @@ impl<'a> PatchCounter<'a> {
         if !is_searched || places.is_empty() {
             return 1.0;
         }
+        let Some(tracer) = self.tracer() else { return 1.0 };
         let asked = drawn(places, parameters.seed);
         let points = self.points_in(&asked, parameters);
-        let tracer = self.tracer.get_or_init(|| SceneTracer::new(self.scene));
         let builder = Builder { tracer, parameters };
         let exposed: usize = points
             .into_par_iter()
@@ -174,6 +182,16 @@ impl<'a> PatchCounter<'a> {
             })
             .sum();
         exposed as f64 / asked.len() as f64
+    }
+
+    fn tracer(&self) -> Option<&SceneTracer<'a>> {
+        let built = || {
+            self.memory.trees_alone(self.scene).map(|trees| match trees {
+                Trees::One => SceneTracer::new(self.scene),
+                Trees::OfMeshes => SceneTracer::of_meshes(self.scene),
+            })
+        };
+        self.tracer.get_or_init(built).as_ref()
     }
 
     /// Some points of each of the `asked` places.
@@ -217,4 +235,28 @@ fn drawn(mut places: Vec<u64>, seed: u64) -> HashSet<u64> {
 fn three_digits(edge: f64) -> f64 {
     let unit = 10f64.powf(edge.log10().floor() - 2.0);
     (edge / unit).round() * unit
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::memory::of_trees;
+    use crate::test_shapes::{boxed, quad, scene_of};
+    use earthshine_world::Vec3;
+
+    #[test]
+    fn a_smaller_tree_counts_the_same_and_none_takes_nothing_for_buried() {
+        // The inside of the box is buried.
+        let floor = quad(Vec3::splat(-4.0), Vec3::Z * 8.0, Vec3::X * 8.0);
+        let inside = boxed(Vec3::splat(-2.0), Vec3::splat(2.0)).triangles;
+        let scene = scene_of([&floor[..], &inside].concat());
+        let parameters = BakeParameters::default();
+        let counted = |memory| {
+            let counter = PatchCounter::new(&scene, &parameters).within(MemoryLimit(memory));
+            counter.patches_at(0.5, 1e6).expect("few patches").count
+        };
+        let free = counted(None);
+        assert_eq!(counted(Some(of_trees(&scene, Trees::OfMeshes))), free);
+        assert!(counted(Some(1)) > 1.2 * free, "{free}");
+    }
 }

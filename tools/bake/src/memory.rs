@@ -60,6 +60,11 @@ pub enum Trees {
 /// Bytes that a scene, its trees and its cells take.
 #[must_use]
 pub fn of_scene(scene: &Scene, cells: &Cells, trees: Trees) -> u64 {
+    of_trees(scene, trees) + 2 * cells.bytes()
+}
+
+/// Bytes that a scene and its trees take.
+pub(crate) fn of_trees(scene: &Scene, trees: Trees) -> u64 {
     let triangles = scene.triangles.len() as u64;
     let trees = match trees {
         Trees::One => triangles * TREE_BYTES,
@@ -72,7 +77,7 @@ pub fn of_scene(scene: &Scene, cells: &Cells, trees: Trees) -> u64 {
     let corners = 64 + 24 * u64::from(scene.emissive_coordinates.is_some());
     let colours = 24 * u64::from(scene.corner_colours.is_some());
     let texels: u64 = scene.textures.iter().map(|texture| size_of_val(&texture.texels[..]) as u64).sum();
-    BASE_BYTES + triangles * (corners + colours) + trees + texels + 2 * cells.bytes()
+    BASE_BYTES + triangles * (corners + colours) + trees + texels
 }
 
 /// Bytes that all of `patches` and one chunk a thread take.
@@ -132,6 +137,13 @@ impl MemoryLimit {
         }
     }
 
+    /// The trees that fit beside the scene alone, before it is known what else there will be; `None` where none do: such a
+    /// scene is not baked either.
+    pub(crate) fn trees_alone(self, scene: &Scene) -> Option<Trees> {
+        let fits = |&trees: &Trees| self.0.is_none_or(|limit| of_trees(scene, trees) <= limit);
+        [Trees::One, Trees::OfMeshes].into_iter().find(fits)
+    }
+
     /// Refuses `needed` bytes for `what` above the limit.
     ///
     /// # Errors
@@ -155,6 +167,16 @@ impl MemoryLimit {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_trees_that_fit_are_chosen() {
+        let scene = crate::test_shapes::ball(1.0, 40, 40);
+        let [one, of_meshes] = [Trees::One, Trees::OfMeshes].map(|trees| of_trees(&scene, trees));
+        assert!(of_meshes < one);
+        let chosen = |bytes| MemoryLimit(bytes).trees_alone(&scene);
+        assert_eq!((chosen(None), chosen(Some(one))), (Some(Trees::One), Some(Trees::One)));
+        assert_eq!((chosen(Some(of_meshes)), chosen(Some(of_meshes - 1))), (Some(Trees::OfMeshes), None));
+    }
 
     #[test]
     fn sizes_are_read_and_limits_kept() {

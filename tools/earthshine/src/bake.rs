@@ -105,7 +105,8 @@ pub(crate) fn run(arguments: &BakeArguments) -> anyhow::Result<()> {
         scene_source::load(&arguments.scene, arguments.lights.as_deref(), arguments.quality.metals_black())?;
     tell(&source.scene.report);
     scene_source::warn_if_dark(&source);
-    let chosen = quality(arguments, &source.name).chosen(&source);
+    let memory = arguments.memory.unwrap_or_default();
+    let chosen = quality(arguments, &source.name).chosen_within(&source, memory);
     if let (Some(told), false) = (chosen.told(), quiet) {
         eprintln!("{told}");
     }
@@ -117,7 +118,7 @@ pub(crate) fn run(arguments: &BakeArguments) -> anyhow::Result<()> {
         overwrite: arguments.overwrite,
         levels: arguments.levels,
         shard: arguments.shard,
-        memory: arguments.memory.unwrap_or_default(),
+        memory,
         discard_work: arguments.discard_work,
     };
     let adapter = arguments.gpu.then(|| Adapter::open(&arguments.gpu_adapter)).transpose()?;

@@ -1,9 +1,12 @@
 //! What a bake is made of where nothing was said: voxel edge, detail, its rays and points, by the size of the world.
 //!
-//! Rooms and buildings get about as many patches as a server keeps well, and detail on top; worlds of kilometres get none,
-//! since bytes and seconds grow with it. `tools/bake/ACCURACY.md` has the measurements behind the numbers here.
+//! Rooms and buildings get about as many patches as a server keeps well, and as much detail on top as it holds decoded.
+//! Cities are streamed: a server holds what is near, so that their detail is bound by the rays of a bake alone. Worlds of
+//! kilometres get none, since bytes and seconds grow with it. `tools/bake/ACCURACY.md` has the measurements behind the
+//! numbers here. Start at [`Wish::granted`].
 
 use crate::scene_source::SceneSource;
+use earthshine_bake::MemoryLimit;
 use earthshine_bake::fineness::{PatchCounter, PatchGuess};
 use earthshine_bake::surfaces::is_streamed;
 use earthshine_gen::WorldKind;
@@ -18,8 +21,8 @@ use std::ops::RangeInclusive;
 const PATCHES_AIM: f64 = 13_000.0;
 /// Edges that are chosen, m.
 const EDGES_M: RangeInclusive<f32> = 0.016..=4.0;
-/// Most patches of a world with detail: several times what a building has.
-const DETAILED_PATCHES_MAX: u64 = 50_000;
+/// Most patches of a world that a server holds whole: several times what a building has.
+const HELD_PATCHES_MAX: u64 = 50_000;
 /// Most rays that detail may take: some two minutes of two cores, with the rest of the bake.
 const DETAIL_RAYS_MAX: u64 = 3 << 26;
 /// What a world may take decoded, all of it, so that a server of default size (`engine.decoded_bytes_max`) holds it.
@@ -46,8 +49,13 @@ const COLUMNS_MAX: u32 = 192;
 const SHARP: Steps = Steps { details: &[8, 4, 2], rays: [256, 512], columns_min: 96 };
 /// The same for scenes in which surfaces emit: their light is soft, and few rays find them.
 const SOFT: Steps = Steps { details: &[2], rays: [1024, 2048], columns_min: 128 };
-/// Sample points of a patch, and of a voxel face, in worlds with detail and in those without.
-const POINTS: [u32; 2] = [64, 16];
+/// Sample points of a patch, and of a voxel face, in worlds that are held whole and have detail.
+const POINTS: u32 = 64;
+/// The same in all others: shadow rays are cast for what is near a camera, not for a few rooms.
+const POINTS_FEW: u32 = 16;
+/// Detail of worlds that are streamed and in which nothing emits: hundreds of metres of streets and walls. Direct light has no
+/// noise of rays, so few do.
+const STREAMED: Detail = Detail { per_edge: 2, rays: 256, columns: 64, points: POINTS_FEW };
 /// Bytes on disk of a patch with its row and the receivers about it; of a part of one, and of each column of its row.
 const PATCH_BYTES: u64 = 1500;
 const PART_BYTES: f64 = 33.0;
@@ -62,6 +70,8 @@ pub(crate) struct Wish {
     pub(crate) detail_columns: Option<u32>,
     pub(crate) points_per_patch: Option<u32>,
     pub(crate) samples_per_face: Option<u32>,
+    /// What counting patches may take.
+    pub(crate) memory: MemoryLimit,
 }
 
 /// Parameters of a bake, and what they were chosen for.
@@ -87,22 +97,23 @@ struct Steps {
     columns_min: u32,
 }
 
-/// Detail voxels along a voxel's edge, and rays and columns of a part in one.
+/// Detail voxels along a voxel's edge, rays and columns of a part in one, and points of a patch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Detail {
     per_edge: u32,
     rays: u32,
     columns: u32,
+    points: u32,
 }
 
 impl Wish {
     /// `base` with all that was asked for, and what suits `source` for the rest.
     pub(crate) fn granted(self, source: &SceneSource, base: BakeParameters) -> Chosen {
-        let counter = PatchCounter::new(&source.scene, &base);
+        let counter = PatchCounter::new(&source.scene, &base).within(self.memory);
         let mut found = None;
         let voxel_edge_m = self.voxel_edge_m.or(source.kind.map(generated_edge_m)).unwrap_or_else(|| {
             let guess = counter.edge_for(PATCHES_AIM, &EDGES_M);
-            found = Some(guess.patches);
+            found = guess.patches;
             guess.voxel_edge_m
         });
         let grid = Grid { voxel_edge_m, ..base.grid };
@@ -110,18 +121,17 @@ impl Wish {
         let emits = material_of.iter().any(|&of| materials[of as usize].emitted_radiance != Vec3::ZERO);
         // Clusters and sums over points are for offline comparisons of patches.
         let is_counted = self.detail.is_none() && is_streamed(&base.method);
-        let guess = match found {
-            None if is_counted => counted(&counter, voxel_edge_m),
-            _ => found.flatten(),
-        };
+        let count = || is_counted.then(|| counted(&counter, voxel_edge_m)).flatten();
+        let guess = found.or_else(count);
         let fitting = if is_counted { guess.and_then(|guess| fitting(&guess, emits)) } else { None };
+        let asked = self.detail.unwrap_or(1);
         let none = Detail {
-            per_edge: self.detail.unwrap_or(1),
+            per_edge: asked,
             rays: base.detail_rays,
             columns: base.detail_columns,
+            points: if asked == 1 { POINTS_FEW } else { POINTS },
         };
-        let Detail { per_edge: detail, rays, columns } = fitting.unwrap_or(none);
-        let points = POINTS[usize::from(detail == 1)];
+        let Detail { per_edge: detail, rays, columns, points } = fitting.unwrap_or(none);
         let parameters = BakeParameters {
             grid,
             detail,
@@ -175,15 +185,15 @@ fn counted(counter: &PatchCounter<'_>, voxel_edge_m: f32) -> Option<PatchGuess> 
     // What cannot be an edge is refused by the bake, in its own words.
     let is_edge = voxel_edge_m.is_finite() && voxel_edge_m > 0.0;
     // Half of all places may be buried.
-    let most = 2.0 * DETAILED_PATCHES_MAX as f64;
+    let most = 2.0 * DETAIL_RAYS_MAX as f64 / (parts(1.0, STREAMED.per_edge) * f64::from(STREAMED.rays));
     if is_edge { counter.patches_at(voxel_edge_m, most) } else { None }
 }
 
 /// The most detail that so many patches may have, if any.
 fn fitting(guess: &PatchGuess, emits: bool) -> Option<Detail> {
     let patches = guess.count.round() as u64;
-    if patches > DETAILED_PATCHES_MAX {
-        return None;
+    if patches > HELD_PATCHES_MAX {
+        return if emits { None } else { streamed(guess) };
     }
     let Steps { details, rays: [fewest, most], columns_min } = if emits { SOFT } else { SHARP };
     details.iter().find_map(|&per_edge| {
@@ -193,8 +203,17 @@ fn fitting(guess: &PatchGuess, emits: bool) -> Option<Detail> {
         let parts = parts(guess.count, per_edge).max(1.0);
         let rays = (DETAIL_RAYS_MAX / parts as u64 / RAYS_STEP * RAYS_STEP).min(u64::from(most)) as u32;
         let columns = columns_held(patches, parts) / COLUMNS_STEP * COLUMNS_STEP;
-        (rays >= fewest && columns >= columns_min).then_some(Detail { per_edge, rays, columns })
+        let points = POINTS;
+        (rays >= fewest && columns >= columns_min).then_some(Detail { per_edge, rays, columns, points })
     })
+}
+
+/// The detail of a world that no server holds whole, if there are rays for it.
+fn streamed(guess: &PatchGuess) -> Option<Detail> {
+    let Detail { per_edge, rays, .. } = STREAMED;
+    let cast = parts(guess.count, per_edge) * f64::from(rays);
+    let fits_chunk = parts(guess.of_chunk_max, per_edge) <= CHUNK_PARTS_MAX;
+    (fits_chunk && cast <= DETAIL_RAYS_MAX as f64).then_some(STREAMED)
 }
 
 /// The columns that each of `parts` may have so that a server holds them all, beside so many patches.
@@ -257,7 +276,18 @@ mod tests {
         assert_eq!(of(in_one_chunk, false), Some((4, 512, 192)), "a chunk holds no more at 8");
         assert_eq!(of(spread(2_000.0), true), Some((2, 2048, 192)));
         assert_eq!(of(spread(47_000.0), true), Some((2, 1152, 176)));
-        assert_eq!((sharp(60_000.0), of(spread(60_000.0), true)), (None, None));
+        assert_eq!(of(spread(60_000.0), true), None);
+    }
+
+    #[test]
+    fn cities_have_detail_as_far_as_rays_suffice() {
+        let of = |guess: PatchGuess| fitting(&guess, false);
+        // Over a hundred chunks, as a city is.
+        let city = |count: f64| PatchGuess { count, of_chunk_max: count / 100.0 };
+        assert_eq!(of(city(60_000.0)), Some(STREAMED));
+        assert_eq!(of(city(152_000.0)), Some(STREAMED));
+        assert_eq!(of(city(220_000.0)), None, "too many rays");
+        assert_eq!(of(PatchGuess { of_chunk_max: 20_000.0, ..city(152_000.0) }), None, "too many parts of a chunk");
     }
 
     #[test]
@@ -283,8 +313,8 @@ mod tests {
         let most = earthshine_server::config::Config::default().engine.decoded_bytes_max;
         // A quarter is for what the rule is off by: Sponza comes out at some 540 MB.
         assert!(DECODED_BYTES_MAX < most / 4 * 3 && DECODED_BYTES_MAX > most / 10 * 7, "{most}");
-        for count in (0..DETAILED_PATCHES_MAX).step_by(137) {
-            let Some(Detail { per_edge, rays, columns }) = fitting(&spread(count as f64), false) else {
+        for count in (0..HELD_PATCHES_MAX).step_by(137) {
+            let Some(Detail { per_edge, rays, columns, .. }) = fitting(&spread(count as f64), false) else {
                 continue;
             };
             let parts = parts(count as f64, per_edge);

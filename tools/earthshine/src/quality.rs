@@ -4,6 +4,7 @@ use crate::defaults::{Chosen, Wish};
 use crate::method::MethodArguments;
 use crate::scene_source::SceneSource;
 use clap::{Args, ValueEnum};
+use earthshine_bake::MemoryLimit;
 use earthshine_gen::WorldKind;
 use earthshine_tiles::BakeParameters;
 use earthshine_world::AxisWeights;
@@ -122,6 +123,11 @@ impl QualityArguments {
 
     /// The parameters for `source`, and which of them were chosen.
     pub(crate) fn chosen(&self, source: &SceneSource) -> Chosen {
+        self.chosen_within(source, MemoryLimit::default())
+    }
+
+    /// The same by counting that takes no more than `memory`.
+    pub(crate) fn chosen_within(&self, source: &SceneSource, memory: MemoryLimit) -> Chosen {
         let detail = match self.detail {
             Detail::Auto => None,
             Detail::Exactly(detail) => Some(detail),
@@ -129,8 +135,15 @@ impl QualityArguments {
         let Self {
             voxel: voxel_edge_m, detail_rays, detail_columns, points_per_patch, samples_per_face, ..
         } = *self;
-        let wish =
-            Wish { voxel_edge_m, detail, detail_rays, detail_columns, points_per_patch, samples_per_face };
+        let wish = Wish {
+            voxel_edge_m,
+            detail,
+            detail_rays,
+            detail_columns,
+            points_per_patch,
+            samples_per_face,
+            memory,
+        };
         wish.granted(source, self.base(source))
     }
 

@@ -10,6 +10,10 @@ use earthshine_world::Rgb;
 /// Differences are relative to at least this share of the mean reference.
 pub const DARK_SHARE: f64 = 0.01;
 
+/// Points with less than this share of the mean reference are unlit: sealed hollows between walls, which nothing but a lamp
+/// carried inside would light.
+const UNLIT_SHARE: f64 = 1e-4;
+
 /// How far measured light is from the reference. Relative figures are fractions: 0.03 is 3 %.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct LightErrors {
@@ -32,6 +36,10 @@ pub struct LightErrors {
     pub reference_noise_rel: f64,
     /// Share of points off by more than a factor of two either way.
     pub beyond_factor_two: f64,
+    /// Points that the reference has next to no light at; they are in all figures above.
+    pub unlit: usize,
+    /// As [`Self::beyond_factor_two`], of the points that are not unlit.
+    pub beyond_factor_two_lit: f64,
 }
 
 /// Why nothing can be compared.
@@ -85,6 +93,8 @@ pub fn compare_points(
     let relative = sorted(pairs.iter().map(|pair| pair.difference().abs() / pair.reference.max(floor)));
     let noise = sorted(pairs.iter().map(|pair| pair.noise / pair.reference.max(floor)));
     let far_off = pairs.iter().filter(|pair| pair.is_beyond_factor_two(floor)).count();
+    let lit = || pairs.iter().filter(|pair| pair.reference > UNLIT_SHARE * mean_reference);
+    let far_off_lit = lit().filter(|pair| pair.is_beyond_factor_two(floor)).count();
     Ok(LightErrors {
         points: pairs.len(),
         uncovered: reference.len() - pairs.len(),
@@ -95,6 +105,8 @@ pub fn compare_points(
         bias: mean(&|pair| pair.measured) / mean_reference - 1.0,
         reference_noise_rel: percentile(&noise, 0.5),
         beyond_factor_two: far_off as f64 / count,
+        unlit: pairs.len() - lit().count(),
+        beyond_factor_two_lit: far_off_lit as f64 / lit().count() as f64,
     })
 }
 
@@ -199,6 +211,15 @@ mod tests {
         let measured = [Some(100.0), Some(100.0), Some(0.1)].map(|m| m.map(Rgb::splat));
         let errors = compare_points(&reference, &measured).unwrap();
         assert!(errors.p99_rel < 0.16 && errors.beyond_factor_two == 0.0, "{errors:?}");
+    }
+
+    #[test]
+    fn unlit_points_are_counted_apart() {
+        let reference = points(&[100.0, 100.0, 30.0, 0.0]);
+        let measured = [Some(100.0), Some(250.0), Some(30.0), Some(50.0)].map(|m| m.map(Rgb::splat));
+        let errors = compare_points(&reference, &measured).unwrap();
+        assert_eq!((errors.unlit, errors.beyond_factor_two), (1, 0.5));
+        assert!((errors.beyond_factor_two_lit - 1.0 / 3.0).abs() < 1e-9, "{errors:?}");
     }
 
     #[test]

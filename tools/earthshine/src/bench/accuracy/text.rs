@@ -23,6 +23,8 @@ pub(super) fn print(report: &Report<Figures>, against: &str) {
     let noise = format!("of the reference there; its own noise is {}", percent(errors.reference_noise_rel));
     let mean = format!("of the mean reference, {:.4} lx", figures.mean_reference);
     let of_points = format!("of {} points", errors.points);
+    let of_lit =
+        format!("of {} points; to {} no light comes", errors.points - errors.unlit, errors.unlit);
     let rate = |bytes: u64| format!("{} bytes a patch", bytes / figures.patches.max(1));
     let rows = [
         ("median error", percent(errors.median_rel), noise),
@@ -31,6 +33,7 @@ pub(super) fn print(report: &Report<Figures>, against: &str) {
         ("RMSE", percent(errors.rel_rmse), mean.clone()),
         ("bias", format!("{:+.2} %", errors.bias * 100.0), mean),
         ("beyond a factor of two", percent(errors.beyond_factor_two), of_points),
+        ("of them lit", percent(errors.beyond_factor_two_lit), of_lit),
         ("without light", errors.uncovered.to_string(), format!("of {all} points; not in the errors above")),
         ("patches", figures.patches.to_string(), String::new()),
         ("world", format!("{:.3} MB", figures.world_bytes as f64 / 1e6), rate(figures.world_bytes)),
