@@ -287,7 +287,11 @@ mod tests {
         assert_eq!(of(city(60_000.0)), Some(STREAMED));
         assert_eq!(of(city(152_000.0)), Some(STREAMED));
         assert_eq!(of(city(220_000.0)), None, "too many rays");
-        assert_eq!(of(PatchGuess { of_chunk_max: 20_000.0, ..city(152_000.0) }), None, "too many parts of a chunk");
+        assert_eq!(
+            of(PatchGuess { of_chunk_max: 60_000.0, ..city(152_000.0) }),
+            None,
+            "too many parts of a chunk"
+        );
     }
 
     #[test]

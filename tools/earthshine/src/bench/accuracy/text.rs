@@ -23,8 +23,7 @@ pub(super) fn print(report: &Report<Figures>, against: &str) {
     let noise = format!("of the reference there; its own noise is {}", percent(errors.reference_noise_rel));
     let mean = format!("of the mean reference, {:.4} lx", figures.mean_reference);
     let of_points = format!("of {} points", errors.points);
-    let of_lit =
-        format!("of {} points; to {} no light comes", errors.points - errors.unlit, errors.unlit);
+    let of_lit = format!("of {} points; to {} no light comes", errors.points - errors.unlit, errors.unlit);
     let rate = |bytes: u64| format!("{} bytes a patch", bytes / figures.patches.max(1));
     let rows = [
         ("median error", percent(errors.median_rel), noise),
