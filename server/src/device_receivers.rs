@@ -3,7 +3,8 @@
 
 use crate::on_device::OnDevice;
 use earthshine_gpu::receivers::{GpuReceivers, ROWS_MAX};
-use earthshine_radiosity::receivers::{Gathering, ReceiverGather, ReceiverLight};
+use earthshine_radiosity::receivers::{ReceiverGather, ReceiverLight, ReceiverSums};
+use earthshine_world::Asked;
 
 /// Gathers receivers of one session, or far light of one of its levels.
 #[derive(Debug)]
@@ -19,8 +20,8 @@ impl ReceiverLight for DeviceReceivers {
         receivers.is_some_and(|receivers| receivers.begin(gather))
     }
 
-    fn take(&mut self) -> Gathering {
-        self.0.last().map_or(Gathering::Idle, ReceiverLight::take)
+    fn take(&mut self) -> Asked<Vec<ReceiverSums>> {
+        self.0.last().map_or(Asked::Lost, ReceiverLight::take)
     }
 }
 
@@ -47,6 +48,6 @@ mod tests {
         };
         assert_eq!(receivers.rows_max(), 0);
         assert!(!receivers.begin(&nothing));
-        assert_eq!(receivers.take(), Gathering::Idle);
+        assert_eq!(receivers.take(), Asked::Lost);
     }
 }

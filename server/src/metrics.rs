@@ -157,6 +157,7 @@ impl Metrics {
             device.register_collector(Box::new(PassCollector(of.pass_totals())));
             device.register_collector(Box::new(NewsCollector(of.news_totals())));
             device.register_collector(Box::new(WaitsCollector(of.waits())));
+            device.register_collector(Box::new(ReadBackCollector(of.read_back_bytes())));
         }
         text::encode_registry(&mut body, &device)?;
         text::encode_eof(&mut body)?;
@@ -253,10 +254,25 @@ struct WaitsCollector(BTreeMap<&'static str, u64>);
 
 impl Collector for WaitsCollector {
     fn encode(&self, mut encoder: DescriptorEncoder<'_>) -> Result<(), std::fmt::Error> {
-        let help = "Times that somebody waited for the device; a tick does not, but where a method begins";
+        let help = "Times that somebody waited for the device; a tick does not";
         let mut waits = encoder.encode_descriptor("waits", help, None, MetricType::Counter)?;
         for (what, &count) in &self.0 {
             ConstCounter::new(count).encode(waits.encode_family(&[("what", *what)])?)?;
+        }
+        Ok(())
+    }
+}
+
+/// Bytes that the device has sent, by what they are of.
+#[derive(Debug)]
+struct ReadBackCollector(BTreeMap<&'static str, u64>);
+
+impl Collector for ReadBackCollector {
+    fn encode(&self, mut encoder: DescriptorEncoder<'_>) -> Result<(), std::fmt::Error> {
+        let help = "Bytes copied from the device to the host, by what they are of";
+        let mut bytes = encoder.encode_descriptor("read_back_bytes", help, None, MetricType::Counter)?;
+        for (what, &count) in &self.0 {
+            ConstCounter::new(count).encode(bytes.encode_family(&[("what", *what)])?)?;
         }
         Ok(())
     }
@@ -427,6 +443,8 @@ mod tests {
         let news = NewsTotals { frames: 4, entries: 70, bytes: 1184, late_frames: 5, waits: 1 };
         registry.register_collector(Box::new(NewsCollector(news)));
         registry.register_collector(Box::new(WaitsCollector(BTreeMap::from([("light", 2)]))));
+        let read_back = BTreeMap::from([("far light", 48), ("news", 1184)]);
+        registry.register_collector(Box::new(ReadBackCollector(read_back)));
         let mut text = String::new();
         text::encode_registry(&mut text, &registry).unwrap();
         for line in [
@@ -444,6 +462,8 @@ mod tests {
             "earthshine_gpu_news_late_frames_total 5",
             "earthshine_gpu_news_waits_total 1",
             "earthshine_gpu_waits_total{what=\"light\"} 2",
+            "earthshine_gpu_read_back_bytes_total{what=\"far light\"} 48",
+            "earthshine_gpu_read_back_bytes_total{what=\"news\"} 1184",
         ] {
             assert!(text.lines().any(|found| found == line), "{line} is not in\n{text}");
         }

@@ -1,26 +1,22 @@
 //! Something on the device that backends compute on: made once a device is there, after a loss on the next one.
 //!
-//! In between, and where a device had no room for it, the CPU does its work. Who opens devices is [`crate::device_source`].
+//! In between, and where a device had no room for it, the CPU does its work; the engine decides when to ask again. Who
+//! opens devices is [`crate::device_source`].
 
 use crate::device_source::CurrentDevice;
 use earthshine_gpu::GpuDevice;
 use std::fmt::Display;
-
-/// After a device had no room for something, so many calls go by before it is asked again.
-const CALLS_BETWEEN_ATTEMPTS: u32 = 64;
 
 /// A `T` on the current device, as far as there is one.
 #[derive(Debug)]
 pub(crate) struct OnDevice<T> {
     current: CurrentDevice,
     made: Option<(GpuDevice, T)>,
-    /// Calls that go by before a device that had no room is asked again.
-    left_to_cpu: u32,
 }
 
 impl<T> OnDevice<T> {
     pub(crate) fn new(current: CurrentDevice) -> Self {
-        Self { current, made: None, left_to_cpu: 0 }
+        Self { current, made: None }
     }
 
     /// Whether a device is there.
@@ -33,7 +29,7 @@ impl<T> OnDevice<T> {
         self.made.as_mut().map(|(_, made)| made)
     }
 
-    /// What was made on a device that is there, or what `make` makes there. `work` is what a refusal leaves to the CPU for a while.
+    /// What was made on a device that is there, or what `make` makes there. `work` is what a refusal leaves to the CPU.
     pub(crate) fn get<E: Display>(
         &mut self,
         work: &'static str,
@@ -41,17 +37,10 @@ impl<T> OnDevice<T> {
     ) -> Option<&mut T> {
         if self.made.as_ref().is_none_or(|(device, _)| device.is_lost()) {
             self.made = None;
-            if self.left_to_cpu > 0 {
-                self.left_to_cpu -= 1;
-                return None;
-            }
             let device = self.current.get().filter(|device| !device.is_lost())?;
             match make(&device) {
                 Ok(made) => self.made = Some((device, made)),
-                Err(error) => {
-                    device.warn_once(work, &error);
-                    self.left_to_cpu = CALLS_BETWEEN_ATTEMPTS;
-                }
+                Err(error) => device.warn_once(work, &error),
             }
         }
         self.last()

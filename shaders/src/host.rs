@@ -91,9 +91,9 @@ gpu_structs! {
         channel: u32,
         /// Entries, members or tiles in the bound list.
         entry_count: u32,
-        /// Which part of a plane is bound.
+        /// Which part of a plane is bound; the first part of rows' sums that is compared.
         part: u32,
-        /// Parts of a plane.
+        /// Parts of a plane; parts of a row's sums that are compared.
         part_count: u32,
         /// Numbers from one channel of the operand to the next; 0 if all share it.
         channel_stride: u32,
@@ -429,11 +429,33 @@ gpu_structs! {
         resident_share: f32,
         /// From coarse parents, lx.
         far_irradiance: [f32; 3],
-        /// Of its row.
-        far_share: f32,
-        /// From the sky, lx.
-        sky_irradiance: [f32; 3],
         /// Of the far share: what known parents stand for.
         fed_share: f32,
+        /// From the sky, lx.
+        sky_irradiance: [f32; 3],
+        /// Of its row.
+        far_share: f32,
+    }
+
+    /// What is told of a part of a row's sums. The first of a list says how many follow, in place of a row's part.
+    SumsEntry {
+        /// Row among all on the device, times [`SUM_PARTS`](crate::limits::SUM_PARTS), and part.
+        at: u32,
+        /// lx.
+        red: f32,
+        /// lx.
+        green: f32,
+        /// lx.
+        blue: f32,
+        /// That goes with it.
+        share: f32,
+    }
+
+    /// What is told of a patch's direct light.
+    LitPatch {
+        /// Over its points, lx.
+        mean: [f32; 3],
+        /// Points of which light is told too: all, or none where it is the same on all.
+        told_points: u32,
     }
 }

@@ -358,7 +358,7 @@ kernel!(
 kernel!(
     /// What lights bring to points, with shadows.
     LIGHT_POINTS = "light_points",
-    ["wide_tree"],
+    ["wide_tree", "point_span"],
     [
         read("nodes"),
         read("placements"),
@@ -376,6 +376,18 @@ kernel!(
     SUM_LAMPS = "sum_lamps", [], [read("arriving"), written("on_points")], crate::limits::RAY_LANES
 );
 kernel!(
+    /// Light of patches over their points, and whose points have to be told of.
+    SUM_POINTS = "sum_points",
+    ["point_span", "lit_patch", "lane_scan"],
+    [read("spans"), read("on_points"), written("lit"), written("group_counts")]
+);
+kernel!(
+    /// Lists light on points that have to be told of.
+    LIST_POINTS = "list_points",
+    ["point_span", "lit_patch", "lane_scan"],
+    [read("spans"), read("on_points"), read("lit"), read("group_counts"), written("listed")]
+);
+kernel!(
     /// What arrives at receivers.
     GATHER_RECEIVERS = "gather_receivers",
     ["receiver"],
@@ -389,6 +401,18 @@ kernel!(
         read("sky"),
         written("gathered"),
     ]
+);
+kernel!(
+    /// Counts parts of rows' sums that are news.
+    COUNT_SUMS = "count_sums",
+    ["receiver", "sums", "lane_scan"],
+    [read("asked"), read("gathered"), read("told"), written("group_counts")]
+);
+kernel!(
+    /// Lists parts of rows' sums that are news, and takes them for told.
+    LIST_SUMS = "list_sums",
+    ["receiver", "sums", "lane_scan"],
+    [read("asked"), read("gathered"), written("told"), read("group_counts"), written("news")]
 );
 
 /// Every kernel.
@@ -435,5 +459,9 @@ pub const KERNELS: &[Kernel] = &[
     COUNT_ENDS,
     LIGHT_POINTS,
     SUM_LAMPS,
+    SUM_POINTS,
+    LIST_POINTS,
     GATHER_RECEIVERS,
+    COUNT_SUMS,
+    LIST_SUMS,
 ];

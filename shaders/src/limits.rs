@@ -40,6 +40,8 @@ pub const TREE_STACK: u32 = 40;
 pub const NO_TRIANGLE: u32 = u32::MAX;
 /// Of a column that no source stands for.
 pub const NO_SOURCE: u32 = u32::MAX;
+/// Parts of a row's sums: what comes from slots, from coarse parents, from the sky.
+pub const SUM_PARTS: u32 = 3;
 /// Parts of a ray that counts whole.
 pub const RAY_PARTS: u32 = 1 << 20;
 /// Most rays whose ends one workgroup adds up.
@@ -80,6 +82,7 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("TREE_STACK", TREE_STACK),
     ("NO_TRIANGLE", NO_TRIANGLE),
     ("NO_SOURCE", NO_SOURCE),
+    ("SUM_PARTS", SUM_PARTS),
     ("RAY_PARTS", RAY_PARTS),
     ("RUN_RAYS", RUN_RAYS),
     ("RUN_KEYS", RUN_KEYS),

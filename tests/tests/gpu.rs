@@ -7,10 +7,12 @@ use earthshine_gen::fixtures;
 use earthshine_gpu::alias::AliasBuilder;
 use earthshine_gpu::{GpuBackend, GpuDevice, GpuRowLight};
 use earthshine_radiosity::Backend;
-use earthshine_radiosity::solver::Method;
+use earthshine_radiosity::bench::Streamed;
+use earthshine_radiosity::closed_box::ClosedBox;
+use earthshine_radiosity::solver::{Method, SolverBackend, SolverSettings};
 use earthshine_radiosity::tables::edge_rows::edge_rows;
 use earthshine_radiosity::tables::{AliasTable, BuildRoom, RowTable};
-use earthshine_radiosity::{BackendError, Slot, Update};
+use earthshine_radiosity::{BackendError, CpuBackend, Slot, Update};
 use earthshine_server::BackendKind;
 use earthshine_tests::adapter::{device_or_skip, device_within};
 use earthshine_tests::agreement::{assert_is, served_patches};
@@ -20,8 +22,9 @@ use earthshine_tests::served::ServedWorld;
 use earthshine_tests::solved::{Solution, SolvedWorld, place_of};
 use earthshine_tests::solver_suite::{drawing_conformance, solver_conformance};
 use earthshine_tests::viewer::{connect, settled_at, within};
+use earthshine_tiles::BakeParameters;
 use earthshine_world::{LightRig, Rgb, Sky};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 fn conforms(device: &GpuDevice) {
     backend_conformance(|slots| {
@@ -128,8 +131,7 @@ fn of_a_block_that_a_device_was_lost_in_nothing_is_told() {
 
 /// Goal: no tick waits for the device: patches come and go, are refused or not, light of all kinds is told, drift is probed and
 /// methods are audited, and the host never stands still for it. Method: a camera flies up and down a corridor of which half
-/// fits; what is counted as waits does not grow from the first settled light on. Opening a device, beginning a method and
-/// shutting down may wait.
+/// fits; what is counted as waits does not grow from the first settled light on. Opening a device and shutting down may wait.
 #[tokio::test]
 async fn a_flight_waits_for_nothing_on_the_device() {
     let Some(probe) = device_or_skip() else { return };
@@ -167,6 +169,105 @@ async fn a_flight_waits_for_nothing_on_the_device() {
             _ => "earthshine_engine_audits_total",
         };
         assert!(served.metric(told).await > 2.0, "{method}");
+        client.close().await;
+        served.stop().await.expect("a clean end");
+    }
+}
+
+/// Goal: another method begins without a wait for the device, from light as it was told, and all light is told in the end. Method: the
+/// matrix and light over rows on a device in turn, under a lamp that changes with them; what was told is held against the CPU's matrix,
+/// to a code's step and what shooting leaves.
+#[test]
+fn methods_change_without_waiting_for_the_device() {
+    let Some(device) = device_or_skip() else { return };
+    let count = 150;
+    let mut streamed = Streamed::new(ClosedBox::new(count * 6 / 5, 5), count, 5);
+    let maker = device.clone();
+    let make_matrix = move |slots| Ok(Box::new(GpuBackend::new(&maker, slots)?) as Box<dyn Backend>);
+    let of = |method| SolverSettings { method, ..SolverSettings::default() };
+    let (slots_max, factory) = (count as u32, GpuRowLight::factory(&device));
+    let mut backend =
+        SolverBackend::with_light(slots_max, of(Method::Matrix), Box::new(make_matrix), factory)
+            .expect("small");
+    let mut oracle = CpuBackend::new(slots_max).expect("a small matrix");
+    let updates = streamed.enter(count);
+    backend.apply(&updates).expect("free slots");
+    oracle.apply(&updates).expect("free slots");
+    let slots = streamed.taken();
+    let (mut told, mut news) = (vec![Rgb::ZERO; count], Vec::new());
+    let methods =
+        [Method::Matrix, Method::Hybrid, Method::Matrix, Method::Gather, Method::Hybrid, Method::Matrix];
+    let mut lamp = 100.0;
+    for method in methods {
+        let waits = device.waits();
+        backend.set_solver(&of(method)).expect("a method of the device");
+        lamp += 10.0;
+        let own: Vec<Rgb> = slots.iter().map(|slot| Rgb::splat(lamp * f32::from(slot.0 % 16 == 3))).collect();
+        backend.set_sources(&slots, &own, &own).expect("taken slots");
+        oracle.set_sources(&slots, &own, &own).expect("taken slots");
+        oracle.step().expect("the CPU steps");
+        let mut expected = vec![Rgb::ZERO; count];
+        oracle.read_irradiance(&slots, &mut expected).expect("taken slots");
+        let began = Instant::now();
+        loop {
+            backend.take_refused(&mut Vec::new()).expect("a device that works");
+            if !backend.is_behind() {
+                backend.step().expect("a device that works");
+            }
+            backend.take_news(&mut news).expect("a device that works");
+            news.drain(..).for_each(|(slot, light)| told[slot.0 as usize] = light);
+            if backend.is_settled() && backend.method() == method {
+                break;
+            }
+            assert!(began.elapsed() < Duration::from_secs(60), "{method} is not settled");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        for (slot, expected) in slots.iter().zip(expected) {
+            let gap = (told[slot.0 as usize] - expected).abs().max_element();
+            assert!(gap <= expected.max_element() / 200.0, "{method}, {slot:?}: {gap} of {expected}");
+        }
+        assert_eq!(device.waits(), waits, "{method}");
+    }
+}
+
+/// Goal: what a device sends back is what has changed, and once light is at rest nothing has. Method: a camera flies up and down a
+/// corridor with detail of which half fits, under a lamp that moves, and comes to rest; bytes are counted meanwhile and afterwards.
+#[tokio::test]
+async fn light_at_rest_crosses_no_bus() {
+    let Some(probe) = device_or_skip() else { return };
+    let scene = imported(&fixtures::corridor_glb(16.0));
+    let lights = LightRig { sky: Sky::constant(Rgb::splat(1e4)), ..own_lights(&scene) };
+    let parameters = BakeParameters { detail: 2, detail_rays: 64, ..coarse(1.0, 4) };
+    let world = BakedWorld::with_levels("corridor", &scene, lights, parameters, Levels::Exactly(2));
+    for method in [Method::Matrix, Method::Hybrid] {
+        let served = ServedWorld::start(world.path(), world.patch_count() / 2, |config| {
+            config.backend = BackendKind::Gpu;
+            config.gpu_adapter = probe.name().to_owned();
+            config.engine.solver.by_level = vec![method];
+        })
+        .await;
+        let mut client = connect(&served.uri).await;
+        let at = |x: f32| Vec3::new(x, 1.6, 1.5);
+        settled_at(&mut client, at(2.0)).await;
+        for step in 0..120u16 {
+            let x = 8.0 - 6.0 * (f32::from(step) / 40.0).cos();
+            let camera = Camera { position: at(x), forward: Vec3::X, velocity: Vec3::ZERO };
+            client.set_camera(camera).expect("the session is open");
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+        settled_at(&mut client, at(14.0)).await;
+        let device = served.device.get().expect("a device computes");
+        let in_flight = device.read_back_bytes();
+        for what in ["news", "far light", "receivers"] {
+            assert!(in_flight.get(what).is_some_and(|&bytes| bytes > 0), "{method}, {what}: {in_flight:?}");
+        }
+        let ticks = served.metric("earthshine_engine_ticks_total").await;
+        while served.metric("earthshine_engine_ticks_total").await < ticks + 60.0 {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+        assert_eq!(device.read_back_bytes(), in_flight, "{method}: at rest nothing crosses");
+        let counted: u64 = in_flight.values().sum();
+        assert_eq!(served.metric("earthshine_gpu_read_back_bytes_total").await, counted as f64);
         client.close().await;
         served.stop().await.expect("a clean end");
     }

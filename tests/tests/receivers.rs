@@ -7,14 +7,14 @@ use earthshine_gen::fixtures;
 use earthshine_gpu::GpuDevice;
 use earthshine_gpu::direct::GpuDirect;
 use earthshine_gpu::receivers::GpuReceivers;
-use earthshine_light::Occluders;
+use earthshine_light::{DirectLight, LightUnderWay, OccluderSet, Occluders, PatchPoints};
 use earthshine_radiosity::CpuBackend;
-use earthshine_radiosity::receivers::{Gathering, ReceiverGather, ReceiverLight};
+use earthshine_radiosity::receivers::{ReceiverGather, ReceiverLight, ReceiverSums};
 use earthshine_tests::adapter::device_or_skip;
 use earthshine_tests::baked::{BakedWorld, coarse, imported, own_lights};
 use earthshine_tiles::{BakeParameters, DirStore, TileStore};
 use earthshine_world::lineage::Lineage;
-use earthshine_world::{Camera, Chunk, ChunkId, Light, LightRig, Rgb, Sky, Vec3};
+use earthshine_world::{Asked, Camera, Chunk, ChunkId, Light, LightRig, Rgb, Sky, Vec3};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -39,11 +39,31 @@ impl ReceiverLight for Counted {
         self.receivers.begin(gather)
     }
 
-    fn take(&mut self) -> Gathering {
+    fn take(&mut self) -> Asked<Vec<ReceiverSums>> {
         let gathering = self.receivers.take();
-        let is_answer = matches!(&gathering, Gathering::Done(sums) if !sums.is_empty());
+        let is_answer = matches!(&gathering, Asked::Done(sums) if !sums.is_empty());
         self.answers.fetch_add(u64::from(is_answer), Ordering::Relaxed);
         gathering
+    }
+}
+
+/// A device that lights however few patches.
+#[derive(Debug)]
+struct Eager(GpuDirect);
+
+impl DirectLight for Eager {
+    fn rays_min(&self) -> usize {
+        if self.0.rays_min() == usize::MAX { usize::MAX } else { 0 }
+    }
+
+    fn begin(
+        &mut self,
+        occluders: &OccluderSet,
+        lights: &[Light],
+        patches: &[PatchPoints<'_>],
+        wants_points: bool,
+    ) -> Option<Box<dyn LightUnderWay>> {
+        self.0.begin(occluders, lights, patches, wants_points)
     }
 }
 
@@ -75,7 +95,7 @@ impl Streamed {
             Engine::new(store.manifest().index(), config, Box::new(backend)).expect("a sound index");
         let answers = Arc::new(AtomicU64::default());
         if let Some(device) = device.cloned() {
-            engine = engine.lit_by(|| Box::new(GpuDirect::new(&device, 0).expect("room")));
+            engine = engine.lit_by(|| Box::new(Eager(GpuDirect::new(&device).expect("room"))));
             let answers = Arc::clone(&answers);
             let make = move || {
                 let receivers = GpuReceivers::new(&device).expect("a small buffer");
@@ -186,5 +206,13 @@ fn an_engine_that_gathers_on_a_device_tells_what_the_cpu_tells() {
         assert_lights(&found.receivers, &expected.receivers, "air");
         assert_lights(&found.details, &expected.details, "detail");
         assert_lights(&found.patches, &expected.patches, "patches");
+        // Light at rest crosses no bus, and what changes for a moment only as far as it changes.
+        let read_back = device.read_back_bytes();
+        (0..20).for_each(|_| assert!(on_device.tick()));
+        assert_eq!(device.read_back_bytes(), read_back, "nothing changes");
+    }
+    let read_back = device.read_back_bytes();
+    for what in ["direct light", "far light", "receivers"] {
+        assert!(read_back.get(what).is_some_and(|&bytes| bytes > 0), "{what}: {read_back:?}");
     }
 }

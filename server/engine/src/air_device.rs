@@ -8,8 +8,8 @@ use crate::far::FarSenders;
 use crate::gatherer::Gatherer;
 use crate::local_set::LocalSet;
 use crate::receiver_columns::ReceiverColumns;
-use earthshine_radiosity::receivers::{Gathering, ReceiverLight, ReceiverRow, ReceiverSums, RowsOf};
-use earthshine_world::{Chunk, ChunkId, LightRig};
+use earthshine_radiosity::receivers::{ReceiverLight, ReceiverRow, ReceiverSums, RowsOf};
+use earthshine_world::{Asked, Chunk, ChunkId, LightRig};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -44,12 +44,12 @@ impl AirDevice {
     pub(crate) fn take(&mut self) -> Option<(UnderWay, Vec<ReceiverSums>)> {
         let gathering = self.gatherer.light().filter(|_| self.under_way.is_some())?.take();
         match gathering {
-            Gathering::UnderWay => None,
-            Gathering::Idle => {
+            Asked::UnderWay => None,
+            Asked::Lost => {
                 self.under_way = None;
                 None
             }
-            Gathering::Done(sums) => Some((self.under_way.take()?, sums)),
+            Asked::Done(sums) => Some((self.under_way.take()?, sums)),
         }
     }
 

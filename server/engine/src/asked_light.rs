@@ -4,8 +4,8 @@
 //! takes the place of newer light ([`crate::relight`]); a set that is dropped or cleared forgets it.
 
 use crate::relight::Stamp;
-use earthshine_light::{LightLook, LightUnderWay};
-use earthshine_world::{PatchId, Rgb};
+use earthshine_light::{LightUnderWay, LitPatch};
+use earthshine_world::{Asked, PatchId};
 use std::collections::VecDeque;
 
 /// Most questions under way: two a tick, of newcomers and of what is out of date. More are not asked: patches keep the light
@@ -17,7 +17,6 @@ pub(crate) const QUESTIONS_MAX: usize = 8;
 pub(crate) struct AskedPatch {
     pub(crate) slot: u32,
     pub(crate) id: PatchId,
-    pub(crate) point_count: usize,
 }
 
 /// What was asked for together.
@@ -53,12 +52,12 @@ impl AskedLight {
         self.0.push_back((question, light));
     }
 
-    /// The oldest question, once it is answered: by the light on all points, or by nothing if that is lost.
-    pub(crate) fn take_answered(&mut self) -> Option<(Question, Option<Vec<Rgb>>)> {
+    /// The oldest question, once it is answered: by the light of its patches, or by nothing if that is lost.
+    pub(crate) fn take_answered(&mut self) -> Option<(Question, Option<Vec<LitPatch>>)> {
         let light = match self.0.front_mut()?.1.look() {
-            LightLook::UnderWay => return None,
-            LightLook::Done(light) => Some(light),
-            LightLook::Lost => None,
+            Asked::UnderWay => return None,
+            Asked::Done(light) => Some(light),
+            Asked::Lost => None,
         };
         Some((self.0.pop_front()?.0, light))
     }

@@ -3,8 +3,9 @@
 //! It owns the shadow casters of all chunks in memory and says when and where they have changed; which slots are lit again,
 //! and when, is [`crate::relight`]'s business.
 
+use crate::refusals::Refusals;
 use earthshine_light::{
-    DirectLight, LightUnderWay, OccluderSet, Occluders, PatchPoints, direct_irradiance_on,
+    DirectLight, LightUnderWay, LitPatch, OccluderSet, Occluders, PatchPoints, direct_irradiance_on,
 };
 use earthshine_world::random::{Purpose, hash};
 use earthshine_world::{Bounds, ChunkId, Light, OccluderMesh, Patch, Rgb, SamplePoint};
@@ -17,6 +18,13 @@ const RAY_EPSILON_VOXELS: f32 = 1e-3;
 /// Changes remembered: more than tiles come and go between two looks of a session.
 const CHANGES_KEPT: usize = 256;
 
+/// Who lights many patches at once, and when it is asked.
+#[derive(Debug)]
+struct Device {
+    light: Box<dyn DirectLight>,
+    refusals: Refusals,
+}
+
 /// Shadow casters of every chunk of one level whose tile is in memory.
 #[derive(Debug)]
 pub(crate) struct ShadowCasters {
@@ -27,7 +35,7 @@ pub(crate) struct ShadowCasters {
     seed: u64,
     ray_epsilon_m: f32,
     /// Lights many patches at once, where there is one.
-    device: Option<Mutex<Box<dyn DirectLight>>>,
+    device: Option<Mutex<Device>>,
 }
 
 impl ShadowCasters {
@@ -45,7 +53,7 @@ impl ShadowCasters {
 
     /// [`Self::ask`] asks `device` from now on.
     pub(crate) fn light_by(&mut self, device: Box<dyn DirectLight>) {
-        self.device = Some(Mutex::new(device));
+        self.device = Some(Mutex::new(Device { light: device, refusals: Refusals::default() }));
     }
 
     /// Counts changes.
@@ -95,19 +103,25 @@ impl ShadowCasters {
         &self,
         lights: &[Light],
         patches: &[(&Patch, &[SamplePoint])],
+        wants_points: bool,
     ) -> Option<Box<dyn LightUnderWay>> {
         let device = self.device.as_ref().filter(|_| !lights.is_empty())?;
+        let Device { light, refusals } = &mut *device.lock().unwrap_or_else(PoisonError::into_inner);
+        let rays: usize = patches.iter().map(|(_, points)| points.len() * lights.len()).sum();
+        if rays < light.rays_min() || !refusals.may_ask() {
+            return None;
+        }
         let asked: Vec<_> = patches.iter().map(|&(patch, points)| self.asked(patch, points)).collect();
-        device.lock().unwrap_or_else(PoisonError::into_inner).begin(&self.set, lights, &asked)
+        let light = light.begin(&self.set, lights, &asked, wants_points);
+        if light.is_none() {
+            refusals.note();
+        }
+        light
     }
 
     /// Irradiance on each of `patches`, with its points, from delta lights, lx, and that on each of the points; nothing where
     /// all have the same. The same bits for the same lights, casters and seed.
-    pub(crate) fn irradiance(
-        &self,
-        lights: &[Light],
-        patches: &[(&Patch, &[SamplePoint])],
-    ) -> Vec<(Rgb, Box<[Rgb]>)> {
+    pub(crate) fn irradiance(&self, lights: &[Light], patches: &[(&Patch, &[SamplePoint])]) -> Vec<LitPatch> {
         if lights.is_empty() {
             return vec![(Rgb::ZERO, Box::default()); patches.len()];
         }

@@ -8,8 +8,8 @@ use crate::far::{FarSenders, SentRoom, exitances_of};
 use crate::gatherer::Gatherer;
 use crate::local_set::LocalSet;
 use crate::receiver_columns::ReceiverColumns;
-use earthshine_radiosity::receivers::{Gathering, ReceiverLight, ReceiverRow, RowsOf};
-use earthshine_world::{ChunkId, Rgb, Sky, Vec4};
+use earthshine_radiosity::receivers::{ReceiverLight, ReceiverRow, RowsOf};
+use earthshine_world::{Asked, ChunkId, Rgb, Sky, Vec4};
 use std::collections::BTreeMap;
 
 /// Whoever gathers far light beside the CPU, if there is one.
@@ -69,11 +69,11 @@ impl FarDevice {
             return FarTaken::Nothing;
         };
         let gathering = light.take();
-        if gathering == Gathering::UnderWay {
+        if gathering == Asked::UnderWay {
             return FarTaken::Nothing;
         }
         let asked = self.under_way.take().unwrap_or_default();
-        let Gathering::Done(sums) = gathering else { return FarTaken::Lost };
+        let Asked::Done(sums) = gathering else { return FarTaken::Lost };
         let mut changed = false;
         for (slot, sums) in asked.into_iter().zip(&sums) {
             let resident = local.residents[slot as usize].as_mut();

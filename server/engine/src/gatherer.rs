@@ -1,20 +1,18 @@
-//! Whoever gathers rows beside the CPU, and when the CPU does it: after a refusal it is left alone for a while.
+//! Whoever gathers rows beside the CPU, and when the CPU does it.
 
+use crate::refusals::Refusals;
 use earthshine_radiosity::receivers::ReceiverLight;
-
-/// After a refusal the CPU gathers so many times before it is asked again.
-const LEFT_TO_CPU: u32 = 64;
 
 /// Somebody who gathers rows, or nobody.
 #[derive(Debug, Default)]
 pub(crate) struct Gatherer {
     light: Option<Box<dyn ReceiverLight>>,
-    left_to_cpu: u32,
+    refusals: Refusals,
 }
 
 impl Gatherer {
     pub(crate) fn new(light: Box<dyn ReceiverLight>) -> Self {
-        Self { light: Some(light), left_to_cpu: 0 }
+        Self { light: Some(light), refusals: Refusals::default() }
     }
 
     /// Whether there is anybody.
@@ -30,8 +28,7 @@ impl Gatherer {
     /// Whoever can be asked for another gather now, and the most rows of it; nobody where the CPU has to do it.
     pub(crate) fn ready(&mut self) -> Option<(&mut Box<dyn ReceiverLight>, usize)> {
         let light = self.light.as_mut()?;
-        if self.left_to_cpu > 0 {
-            self.left_to_cpu -= 1;
+        if !self.refusals.may_ask() {
             return None;
         }
         let rows_max = light.rows_max();
@@ -40,6 +37,6 @@ impl Gatherer {
 
     /// It has refused.
     pub(crate) fn rest(&mut self) {
-        self.left_to_cpu = LEFT_TO_CPU;
+        self.refusals.note();
     }
 }

@@ -62,6 +62,7 @@ mod local_set;
 mod priority;
 pub mod promise;
 mod receiver_columns;
+mod refusals;
 mod relight;
 pub mod residency;
 mod row_split;

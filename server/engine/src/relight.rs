@@ -8,7 +8,7 @@ use crate::asked_light::{AskedPatch, Question};
 use crate::direct::ShadowCasters;
 use crate::local_set::LocalSet;
 use crate::shadow_reach::{ShadowReach, light_count};
-use earthshine_light::told_apart;
+use earthshine_light::LitPatch;
 use earthshine_radiosity::{BackendError, Slot};
 use earthshine_world::{Light, LightRig, Patch, PatchId, Rgb, SamplePoint};
 use std::collections::BTreeMap;
@@ -80,7 +80,7 @@ impl SlotLight {
     }
 
     /// Takes what was computed or asked for in `tick`.
-    fn light_up(&mut self, (mean, on_points): (Rgb, Box<[Rgb]>), lit: Stamp, tick: u64) {
+    fn light_up(&mut self, (mean, on_points): LitPatch, lit: Stamp, tick: u64) {
         (self.direct_irradiance, self.on_points) = (mean, on_points);
         (self.lit, self.lit_tick) = (Some(lit), tick);
     }
@@ -210,11 +210,8 @@ impl<'a> Relight<'a> {
         }
         let slots = &slots[..taken];
         let patches: Vec<_> = slots.iter().map(|&slot| points_of(local, slot)).collect();
-        if let Some(light) = self.casters.ask(self.lights, &patches) {
-            let asked = slots.iter().zip(&patches).map(|(&slot, (_, points))| {
-                let id = local.resident(slot).id;
-                AskedPatch { slot, id, point_count: points.len() }
-            });
+        if let Some(light) = self.casters.ask(self.lights, &patches, self.has_detail) {
+            let asked = slots.iter().map(|&slot| AskedPatch { slot, id: local.resident(slot).id });
             let question = Question { stamp: self.stamp, tick: self.tick, patches: asked.collect() };
             for &slot in slots {
                 local.resident_mut(slot).light.asked = Some((self.tick, self.stamp));
@@ -236,21 +233,20 @@ impl<'a> Relight<'a> {
     pub(crate) fn take_asked(&self, local: &mut LocalSet) -> Arrived {
         let mut arrived = Arrived::default();
         while let Some((question, light)) = local.asked.take_answered() {
-            let mut first = 0;
-            for AskedPatch { slot, id, point_count } in question.patches {
-                let own = first..first + point_count;
-                first = own.end;
+            let mut answers = light.map(Vec::into_iter);
+            for AskedPatch { slot, id } in question.patches {
+                let answer = answers.as_mut().and_then(Iterator::next);
                 let resident = local.residents[slot as usize].as_mut().filter(|resident| resident.id == id);
                 let Some(of) = resident.map(|resident| &mut resident.light) else { continue };
                 // What has not been asked for again since was held against all casters meanwhile.
                 let held = of.asked.take_if(|(tick, _)| *tick == question.tick);
-                let Some(light) = light.as_ref().filter(|_| question.tick >= of.lit_tick) else { continue };
-                let on_points = &light[own];
-                let mean = on_points.iter().sum::<Rgb>() / point_count.max(1) as f32;
+                let Some(answer) = answer.filter(|_| question.tick >= of.lit_tick) else {
+                    continue;
+                };
                 arrived.is_other_light |= of.lit.is_none_or(|lit| lit.lights != question.stamp.lights);
                 arrived.slots += 1;
                 let lit = held.map_or(question.stamp, |(_, stamp)| stamp);
-                of.light_up((mean, self.kept(told_apart(on_points))), lit, question.tick);
+                of.light_up(answer, lit, question.tick);
             }
         }
         arrived

@@ -36,6 +36,11 @@ impl Arena {
         &self.buffer
     }
 
+    /// One past the number of the last element.
+    pub(crate) fn used(&self) -> u32 {
+        self.used as u32
+    }
+
     pub(crate) fn has_room(&self, count: usize) -> bool {
         self.used + count as u64 <= self.capacity
     }

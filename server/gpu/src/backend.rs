@@ -318,6 +318,16 @@ impl Backend for GpuBackend {
         Ok(())
     }
 
+    fn reads_at_once(&self) -> bool {
+        self.is_read
+    }
+
+    fn tell_afresh(&mut self) -> bool {
+        self.news.tell_afresh();
+        self.changed = true;
+        true
+    }
+
     fn poll_irradiance(&mut self, slots: &[Slot], out: &mut [Rgb]) -> Result<bool, BackendError> {
         slot_check::one_each(slots, out.len())?;
         // Light that somebody sent for and did not wait for is nobody else's.

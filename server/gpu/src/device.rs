@@ -49,6 +49,8 @@ struct Inner {
     news_totals: Mutex<NewsTotals>,
     /// How often the host waited, by what for.
     waits: Mutex<BTreeMap<&'static str, u64>>,
+    /// Bytes that were copied to the host, by what they are of.
+    read_back: Mutex<BTreeMap<&'static str, u64>>,
     /// Bytes that the columns of rows take, of all who gather.
     row_bytes: Mutex<u64>,
     /// Work that was said to be left to the CPU.
@@ -129,6 +131,7 @@ impl GpuDevice {
                 pass_totals: Mutex::default(),
                 news_totals: Mutex::default(),
                 waits: Mutex::default(),
+                read_back: Mutex::default(),
                 row_bytes: Mutex::default(),
                 said: Mutex::default(),
             };
@@ -215,11 +218,22 @@ impl GpuDevice {
         totals.waits += more.waits;
     }
 
-    /// How often somebody has waited for the device, by what for. Opening it, reading light or drift at once, changes of
-    /// the method and measurements wait; a tick does not.
+    /// How often somebody has waited for the device, by what for. Opening it, reading light or drift at once and
+    /// measurements wait; a tick does not.
     #[must_use]
     pub fn waits(&self) -> BTreeMap<&'static str, u64> {
         self.inner.waits.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Bytes that were copied to the host so far, by what they are of: all that ever crosses that way.
+    #[must_use]
+    pub fn read_back_bytes(&self) -> BTreeMap<&'static str, u64> {
+        self.inner.read_back.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    pub(crate) fn note_read_back(&self, what: &'static str, bytes: u64) {
+        let mut read_back = self.inner.read_back.lock().unwrap_or_else(PoisonError::into_inner);
+        *read_back.entry(what).or_default() += bytes;
     }
 
     /// Says in the log that `work` is left to the CPU, once however many on this device leave it.

@@ -1,5 +1,11 @@
 //! Direct light on a device: every lamp at every point of many patches, with shadow rays through the resident chunks' trees.
-//! It is handed over and fetched when it has come.
+//! It is handed over and fetched when it has come: the mean of each patch, 16 bytes, and light on single points, 12 bytes each,
+//! only where somebody wants that and it differs.
+//!
+//! ```text
+//! light_points ▶ sum_lamps ▶ sum_points ──means──────────────┬▶ staging ┄┄▶ host
+//!                               └▶ scan_groups ▶ list_points ┘
+//! ```
 //!
 //! Chunks' trees go to the device when they become resident and stay there; what changes with every chunk is the small tree
 //! over them. Room is handed out from the front of two lists; when one is full, what is still resident is put into new ones
@@ -7,28 +13,30 @@
 
 use crate::arena::Arena;
 use crate::device::GpuDevice;
+pub use crate::lit_patches::GpuLight;
+use crate::lit_patches::{Coming, Guess};
 use crate::rays::{STORAGE, TreesError, check_depth, placement_words, triangle_words, uploaded};
-use crate::readback::{Arrival, Staging};
 use crate::recorder::{Recorder, folded, uniform_buffer};
 use crate::timing::{PassTime, Timing};
 use earthshine_light::tree_layout::{NodeWords, Placement};
-use earthshine_light::{DirectLight, LightLook, LightUnderWay, OccluderSet, Occluders, PatchPoints};
+use earthshine_light::{DirectLight, LightUnderWay, OccluderSet, Occluders, PatchPoints};
 use earthshine_radiosity::BackendError;
 use earthshine_shaders::host::{Lamp, LightPoint, Pass, PointSpan, TreePlacement, TreeTriangle};
 use earthshine_shaders::kernel::{LIGHT_POINTS, SUM_LAMPS};
 use earthshine_shaders::limits::RAY_LANES;
-use earthshine_world::{Light, Rgb};
-use glam::{DAffine3, Vec4};
+use earthshine_world::Light;
+use glam::DAffine3;
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use wgpu::{Buffer, BufferUsages, SubmissionIndex};
+use wgpu::{Buffer, BufferUsages};
 
 /// Most points times lamps of one dispatch: 64 MiB of what arrives. More are lit in several.
 const DISPATCH_RAYS_MAX: usize = 1 << 22;
 /// Triangles that there is room for at first.
 const TRIANGLES_MIN: u64 = 1 << 14;
-/// After a failure so many questions are left to the CPU before another attempt.
-const LEFT_TO_CPU: u32 = 64;
+/// Fewer points times lamps are left to the CPU. Reckoned from the CPU's rate and a way to a device and back, not measured:
+/// look again with hardware.
+pub const RAYS_MIN: usize = 1024;
 
 /// Where a chunk's trees are; held so that its address stays its own.
 #[derive(Debug)]
@@ -53,68 +61,15 @@ pub struct GpuDirect {
     changes: Option<u64>,
     uniforms: Buffer,
     timing: Option<Timing>,
-    rays_min: usize,
-    left_to_cpu: u32,
-}
-
-/// Light on its way from a device to the host.
-#[derive(Debug)]
-pub struct GpuLight {
-    device: GpuDevice,
-    /// One a dispatch: where its light is copied to, and how much of that.
-    copies: Vec<(Staging, u64)>,
-    submission: Option<SubmissionIndex>,
-    /// Points without a light.
-    dark: usize,
-    is_given: bool,
-}
-
-impl GpuLight {
-    /// Waits for it.
-    ///
-    /// # Errors
-    /// [`BackendError::DeviceLost`], also if it was given before.
-    pub fn wait(mut self) -> Result<Vec<Rgb>, BackendError> {
-        if let Some(submission) = self.submission.take() {
-            self.device.wait("direct light", submission)?;
-        }
-        match self.look() {
-            LightLook::Done(on_points) => Ok(on_points),
-            LightLook::UnderWay | LightLook::Lost => Err(self.device.lose("light could not be read")),
-        }
-    }
-
-    fn read(&self) -> Result<Vec<Rgb>, BackendError> {
-        let mut on_points = vec![Rgb::ZERO; self.dark];
-        for (staging, bytes) in &self.copies {
-            staging.take(&self.device, *bytes, |view| {
-                let read: Vec<Vec4> = bytemuck::pod_collect_to_vec(view);
-                on_points.extend(read.into_iter().map(Vec4::truncate));
-            })?;
-        }
-        Ok(on_points)
-    }
-}
-
-impl LightUnderWay for GpuLight {
-    fn look(&mut self) -> LightLook {
-        if self.is_given || self.device.poll().is_err() {
-            return LightLook::Lost;
-        }
-        if self.copies.iter().any(|(staging, _)| staging.arrival() == Arrival::Coming) {
-            return LightLook::UnderWay;
-        }
-        self.is_given = true;
-        self.read().map_or(LightLook::Lost, LightLook::Done)
-    }
+    guess: Guess,
 }
 
 impl GpuDirect {
-    /// Nothing casts shadows yet. Fewer than `rays_min` points times lamps are left to the CPU.
+    /// Nothing casts shadows yet.
     ///
     /// # Errors
     /// [`TreesError`].
-    pub fn new(device: &GpuDevice, rays_min: usize) -> Result<Self, TreesError> {
+    pub fn new(device: &GpuDevice) -> Result<Self, TreesError> {
         Ok(Self {
             residents: BTreeMap::new(),
             nodes: arena(device, "nodes", size_of::<NodeWords>(), TRIANGLES_MIN / 4)?,
@@ -125,8 +80,7 @@ impl GpuDirect {
             uniforms: uniform_buffer(device)?,
             timing: None,
             device: device.clone(),
-            rays_min,
-            left_to_cpu: 0,
+            guess: Guess::default(),
         })
     }
 
@@ -147,7 +101,7 @@ impl GpuDirect {
         self.timing.as_mut().map_or(Ok(Vec::new()), |timing| timing.take(&self.device))
     }
 
-    /// Hands the light on all points of `patches` over, in order, through `occluders`; see [`DirectLight::begin`].
+    /// Hands the light of `patches` over, in order, through `occluders`; see [`DirectLight::begin`].
     ///
     /// # Errors
     /// [`TreesError`].
@@ -156,12 +110,12 @@ impl GpuDirect {
         occluders: &OccluderSet,
         lights: &[Light],
         patches: &[PatchPoints<'_>],
+        wants_points: bool,
     ) -> Result<GpuLight, TreesError> {
         self.bring(occluders)?;
-        let device = self.device.clone();
-        let mut light = GpuLight { device, copies: Vec::new(), submission: None, dark: 0, is_given: false };
+        let mut light = GpuLight::new(&self.device, wants_points.then(|| self.guess.clone()));
         if lights.is_empty() {
-            light.dark = patches.iter().map(|patch| patch.points.len()).sum();
+            light.push_dark(patches.len());
             return Ok(light);
         }
         let mut first = 0;
@@ -246,20 +200,7 @@ impl GpuDirect {
         patches: &[PatchPoints<'_>],
         light: &mut GpuLight,
     ) -> Result<(), TreesError> {
-        let (mut points, mut spans) = (Vec::new(), Vec::new());
-        for (of_patch, patch) in (0u32..).zip(patches) {
-            spans
-                .push(PointSpan { first_point: points.len() as u32, point_count: patch.points.len() as u32 });
-            points.extend(patch.points.iter().map(|point| LightPoint {
-                position: point.position.to_array(),
-                epsilon_m: patch.epsilon_m,
-                normal: point.normal.to_array(),
-                of_patch,
-            }));
-        }
-        if points.is_empty() {
-            return Ok(());
-        }
+        let (points, spans) = point_words(patches);
         let lamps: Vec<Lamp> = lights.iter().map(lamp_words).collect();
         let shift = |patch: &PatchPoints<'_>, index: usize| match lamps[index].cap_height > 0.0 {
             true => patch.disc_shift(index).into(),
@@ -276,7 +217,7 @@ impl GpuDirect {
         let [lamps_on, shifts_on] =
             [uploaded(device, "lamps", &lamps)?, uploaded(device, "shifts", &shifts)?];
         let arriving = device.buffer("arriving", 16 * rays as u64, BufferUsages::STORAGE)?;
-        let on_points = device.buffer("on points", 16 * points.len() as u64, STORAGE)?;
+        let on_points = device.buffer("on points", 16 * points.len() as u64, BufferUsages::STORAGE)?;
         let pass = Pass {
             rows: points.len() as u32,
             entry_count: lamps.len() as u32,
@@ -290,36 +231,30 @@ impl GpuDirect {
         recorder.dispatch(&LIGHT_POINTS, &bound, pass, folded((rays as u32).div_ceil(RAY_LANES)));
         let groups = (points.len() as u32).div_ceil(RAY_LANES);
         recorder.dispatch(&SUM_LAMPS, &[&arriving, &on_points], pass, folded(groups));
-        let bytes = 16 * points.len() as u64;
-        let staging = Staging::new(device, bytes)?;
-        recorder.encoder().copy_buffer_to_buffer(&on_points, 0, staging.buffer(), 0, bytes);
-        light.submission = Some(recorder.submit()?);
-        staging.map(bytes);
-        light.copies.push((staging, bytes));
+        let counts = [spans.len() as u32, points.len() as u32];
+        let coming = Coming::record(device, &mut recorder, [&spans_on, &on_points], counts, light.guess())?;
+        light.push(coming, recorder.submit()?);
         Ok(())
     }
 }
 
 impl DirectLight for GpuDirect {
+    fn rays_min(&self) -> usize {
+        if self.device.is_lost() { usize::MAX } else { RAYS_MIN }
+    }
+
     fn begin(
         &mut self,
         occluders: &OccluderSet,
         lights: &[Light],
         patches: &[PatchPoints<'_>],
+        wants_points: bool,
     ) -> Option<Box<dyn LightUnderWay>> {
-        let rays: usize = patches.iter().map(|patch| patch.points.len() * lights.len()).sum();
-        if rays < self.rays_min || self.device.is_lost() {
-            return None;
-        }
-        if self.left_to_cpu > 0 {
-            self.left_to_cpu -= 1;
-            return None;
-        }
-        match self.light(occluders, lights, patches) {
+        let light = self.light(occluders, lights, patches, wants_points);
+        match light {
             Ok(light) => Some(Box::new(light)),
             Err(error) => {
                 self.device.warn_once("direct light", &error);
-                self.left_to_cpu = LEFT_TO_CPU;
                 None
             }
         }
@@ -333,6 +268,20 @@ fn arena(device: &GpuDevice, label: &str, stride: usize, capacity: u64) -> Resul
         return Err(TreesError::TooLarge { bytes, most });
     }
     Ok(Arena::new(device, label, stride, capacity)?)
+}
+
+fn point_words(patches: &[PatchPoints<'_>]) -> (Vec<LightPoint>, Vec<PointSpan>) {
+    let (mut points, mut spans) = (Vec::new(), Vec::new());
+    for (of_patch, patch) in (0u32..).zip(patches) {
+        spans.push(PointSpan { first_point: points.len() as u32, point_count: patch.points.len() as u32 });
+        points.extend(patch.points.iter().map(|point| LightPoint {
+            position: point.position.to_array(),
+            epsilon_m: patch.epsilon_m,
+            normal: point.normal.to_array(),
+            of_patch,
+        }));
+    }
+    (points, spans)
 }
 
 fn address(occluders: &Arc<Occluders>) -> usize {

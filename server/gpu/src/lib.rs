@@ -20,7 +20,7 @@
 //! driver. Other devices round differently.
 //!
 //! A tick waits for nothing: whatever comes back is copied while later work runs, and taken when it is here. Where somebody
-//! does wait, to open a device, to begin a method, to measure, it is counted ([`GpuDevice::waits`]).
+//! does wait, to open a device, to measure, it is counted ([`GpuDevice::waits`]).
 //!
 //! Start at [`adapter`], then [`GpuBackend`]; `matrix` holds the passes, `recorder` how one is run. [`news`] is what comes
 //! back of a step's light. [`rows`] advances light over sparse rows, by any method but the matrix; [`alias`] builds tables
@@ -36,6 +36,8 @@ pub mod copy_bench;
 mod device;
 pub mod direct;
 pub mod ends;
+mod flight;
+mod lit_patches;
 #[cfg(test)]
 mod lookup_tests;
 mod matrix;
@@ -55,6 +57,7 @@ mod row_room;
 pub mod rows;
 mod subgroups;
 mod timing;
+mod told_sums;
 #[cfg(test)]
 mod twins;
 pub mod work;

@@ -1,4 +1,5 @@
-//! From the device to the host: at once where a caller waits for it, or started now and fetched when asked for.
+//! From the device to the host: at once where a caller waits for it, or started now and fetched when asked for. Every byte
+//! that comes back comes through [`Staging::map`], where it is counted by what it is of.
 
 use crate::device::GpuDevice;
 use earthshine_radiosity::BackendError;
@@ -34,15 +35,22 @@ impl Staging {
         &self.buffer
     }
 
-    /// Asks for the map of the first `bytes` bytes; it is there once the submission that fills them is done and the device
-    /// was polled.
-    pub(crate) fn map(&self, bytes: u64) {
-        self.arrival.store(Arrival::Coming as u8, Ordering::Release);
+    /// Asks for the map of the first `bytes` bytes, of `what`; it is there once the submission that fills them is done and
+    /// the device was polled.
+    pub(crate) fn map(&mut self, device: &GpuDevice, what: &'static str, bytes: u64) {
+        device.note_read_back(what, bytes);
+        // Its own, whatever is still said of one that was forgotten.
+        self.arrival = Arc::default();
         let arrival = Arc::clone(&self.arrival);
         self.buffer.map_async(MapMode::Read, 0..bytes, move |result| {
             let found = if result.is_ok() { Arrival::Here } else { Arrival::Failed };
             arrival.store(found as u8, Ordering::Release);
         });
+    }
+
+    /// Nobody wants the map that was asked for: the buffer can be copied to again.
+    pub(crate) fn forget(&mut self) {
+        self.buffer.unmap();
     }
 
     /// Of the map that was asked for last.
@@ -88,90 +96,16 @@ pub(crate) fn read_now(
     bytes: u64,
     work: impl FnOnce(&mut CommandEncoder),
 ) -> Result<Vec<u8>, BackendError> {
-    let staging = Staging::new(device, bytes)?;
+    let mut staging = Staging::new(device, bytes)?;
     let mut encoder = device.wgpu().create_command_encoder(&Default::default());
     work(&mut encoder);
     encoder.copy_buffer_to_buffer(source, 0, &staging.buffer, 0, bytes);
     let submission = device.queue().submit([encoder.finish()]);
-    staging.map(bytes);
+    staging.map(device, what, bytes);
     device.wait(what, submission)?;
     let mut out = Vec::new();
     staging.take(device, bytes, |view| out.extend_from_slice(view))?;
     Ok(out)
-}
-
-/// The newest copy of some buffers, on its way or here. Two staging buffers, so that a copy that nobody fetched does not
-/// hold up the next.
-#[derive(Debug)]
-pub(crate) struct Readback {
-    staging: [Staging; 2],
-    bytes: u64,
-    /// Which of them the newest copy goes to, and what to wait for; none when it was fetched.
-    pending: Option<(usize, SubmissionIndex)>,
-    next: usize,
-}
-
-impl Readback {
-    /// # Errors
-    /// [`BackendError::OutOfMemory`], [`BackendError::DeviceLost`].
-    pub(crate) fn new(device: &GpuDevice, bytes: u64) -> Result<Self, BackendError> {
-        Ok(Self {
-            staging: [Staging::new(device, bytes)?, Staging::new(device, bytes)?],
-            bytes,
-            pending: None,
-            next: 0,
-        })
-    }
-
-    /// Records the copy of whole buffers, one after the other; [`Self::submitted`] has to follow.
-    pub(crate) fn record(&mut self, encoder: &mut CommandEncoder, sources: &[&Buffer]) {
-        if let Some((at, _)) = self.pending.take() {
-            // Nobody fetched it, and nobody will.
-            self.staging[at].buffer.unmap();
-        }
-        let mut at = 0;
-        for source in sources {
-            encoder.copy_buffer_to_buffer(source, 0, &self.staging[self.next].buffer, at, source.size());
-            at += source.size();
-        }
-    }
-
-    pub(crate) fn submitted(&mut self, submission: SubmissionIndex) {
-        self.staging[self.next].map(self.bytes);
-        self.pending = Some((self.next, submission));
-        self.next = 1 - self.next;
-    }
-
-    /// Whether [`Self::fetch`] has nothing to wait for. Looks without waiting.
-    ///
-    /// # Errors
-    /// [`BackendError::DeviceLost`].
-    pub(crate) fn has_come(&self, device: &GpuDevice) -> Result<bool, BackendError> {
-        device.poll()?;
-        let coming = |&(at, _): &(usize, SubmissionIndex)| self.staging[at].arrival() == Arrival::Coming;
-        Ok(!self.pending.as_ref().is_some_and(coming))
-    }
-
-    /// Hands the newest copy to `read` if it was not fetched yet; waits for `what` if it is still on its way.
-    ///
-    /// # Errors
-    /// [`BackendError::DeviceLost`].
-    pub(crate) fn fetch(
-        &mut self,
-        device: &GpuDevice,
-        what: &'static str,
-        read: impl FnOnce(&[u8]),
-    ) -> Result<(), BackendError> {
-        match self.pending.take() {
-            None => device.check(),
-            Some((at, submission)) => {
-                if self.staging[at].arrival() == Arrival::Coming {
-                    device.wait(what, submission)?;
-                }
-                self.staging[at].take(device, self.bytes, read)
-            }
-        }
-    }
 }
 
 /// A copy that somebody asks for now and then: on its way, or none.
@@ -187,14 +121,19 @@ impl Later {
     }
 
     /// Sends for whole buffers, one after the other, as they are after all that was submitted; a copy that is on its way is
-    /// forgotten.
+    /// forgotten. `what` they are is counted.
     ///
     /// # Errors
     /// [`BackendError::OutOfMemory`], [`BackendError::DeviceLost`].
-    pub(crate) fn send_for(&mut self, device: &GpuDevice, sources: &[&Buffer]) -> Result<(), BackendError> {
+    pub(crate) fn send_for(
+        &mut self,
+        device: &GpuDevice,
+        what: &'static str,
+        sources: &[&Buffer],
+    ) -> Result<(), BackendError> {
         self.coming = None;
         let bytes = sources.iter().map(|source| source.size()).sum();
-        let staging = Staging::new(device, bytes)?;
+        let mut staging = Staging::new(device, bytes)?;
         let mut encoder = device.wgpu().create_command_encoder(&Default::default());
         let mut at = 0;
         for source in sources {
@@ -202,7 +141,7 @@ impl Later {
             at += source.size();
         }
         let submission = device.queue().submit([encoder.finish()]);
-        staging.map(bytes);
+        staging.map(device, what, bytes);
         self.coming = Some((staging, bytes, submission));
         Ok(())
     }

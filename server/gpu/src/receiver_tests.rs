@@ -5,13 +5,12 @@ use crate::device::GpuDevice;
 use crate::receivers::{GpuReceivers, ReceiversError};
 use crate::twins::device_or_skip;
 use earthshine_radiosity::receivers::{
-    ColumnSpan, Gathering, NO_SOURCE, ReceiverGather, ReceiverLight, ReceiverRow, ReceiverSums, RowsOf,
-    gather_receivers,
+    ColumnSpan, NO_SOURCE, ReceiverGather, ReceiverLight, ReceiverRow, ReceiverSums, RowsOf, gather_receivers,
 };
 use earthshine_world::random::{Purpose, hash, unit_f32};
 use earthshine_world::{
-    Chunk, ChunkCoord, ChunkId, ChunkRows, Column, Direction, OccluderMesh, ReceiverPlace, Receivers, Rgb,
-    Sky, Vec4, VoxelCoord,
+    Asked, Chunk, ChunkCoord, ChunkId, ChunkRows, Column, Direction, OccluderMesh, ReceiverPlace, Receivers,
+    Rgb, Sky, Vec4, VoxelCoord,
 };
 use std::sync::Arc;
 
@@ -129,9 +128,9 @@ impl Question {
 fn fetched(gpu: &mut GpuReceivers) -> Vec<ReceiverSums> {
     loop {
         match gpu.fetch().expect("a device that works") {
-            Gathering::UnderWay => std::thread::yield_now(),
-            Gathering::Done(sums) => return sums,
-            Gathering::Idle => panic!("a gather was handed over"),
+            Asked::UnderWay => std::thread::yield_now(),
+            Asked::Done(sums) => return sums,
+            Asked::Lost => panic!("a gather was handed over"),
         }
     }
 }
@@ -202,8 +201,70 @@ fn tables_and_chunks_follow_what_comes_and_goes() {
     let mut patches = Question::new(&chunks[..1], Residency::Mixed(1));
     let of_receivers = check(&mut gpu, &patches);
     (patches.chunks, patches.rows_of) = (vec![Arc::new(chunk)], RowsOf::Patches);
-    assert_eq!(check(&mut gpu, &patches), of_receivers);
+    let far = |of: &ReceiverSums| (of.far_irradiance, of.fed_share);
+    let of_patches = check(&mut gpu, &patches);
+    assert!(of_patches.iter().map(far).eq(of_receivers.iter().map(far)));
     check(&mut gpu, &Question::new(&chunks[1..], Residency::Mixed(1)));
+}
+
+/// Goal: what has not changed does not cross, whatever else is asked for in between, and what was told follows its row. Method: the
+/// same rows again, in another order, fewer, after others, after their chunk went and came; bytes are counted.
+#[test]
+fn only_what_has_changed_comes_back() {
+    let Some(device) = device_or_skip() else { return };
+    let mut gpu = GpuReceivers::new(&device).expect("a small buffer");
+    let chunks: Vec<Arc<Chunk>> = (0..2).map(|number| chunk(number, &[40; 300])).collect();
+    let [mut both, one, other] = [0..2, 0..1, 1..2].map(|of| Question::new(&chunks[of], Residency::All));
+    let bytes = || device.read_back_bytes().get("receivers").copied().unwrap_or(0);
+    let mut crossed = |question: &Question| {
+        let before = bytes();
+        check(&mut gpu, question);
+        bytes() - before
+    };
+    let (count, part) = (20, 20);
+    // All light comes from slots, and the sky.
+    assert_eq!(crossed(&both), count + 600 * 3 * part, "the first guess is all of it");
+    let again = crossed(&both);
+    assert!((count..=count + 600 * 3 * part).contains(&again), "guessed from before");
+    assert_eq!(crossed(&both), count, "nothing but the count");
+    both.rows.reverse();
+    both.rows.truncate(321);
+    assert_eq!(crossed(&both), count);
+    // The light of one patch: those who see it, in the part that comes from slots.
+    both.sources[5].x += 1.0;
+    let changed = crossed(&both);
+    assert!((count + part..=count + 321 * part).contains(&changed), "{changed}");
+    crossed(&both);
+    assert_eq!(crossed(&both), count);
+    // Chunks that went and came have other rows there.
+    crossed(&one);
+    crossed(&one);
+    assert_eq!(crossed(&one), count);
+    let came = crossed(&other);
+    assert!(came >= count + 300 * 2 * part, "{came}");
+}
+
+/// Goal: a gather that nobody waited for takes no word out of the next one's mouth. Method: gathers of other light are given up one after
+/// the other, as soon as they were begun, or when they have come and nobody took them; the last is right.
+#[test]
+fn gathers_that_are_given_up_are_told_with_the_next() {
+    let Some(device) = device_or_skip() else { return };
+    let mut gpu = GpuReceivers::new(&device).expect("a small buffer");
+    let mut question = Question::new(&[chunk(0, &[40; 90])], Residency::Mixed(0));
+    for round in 0..6 {
+        check(&mut gpu, &question);
+        for given_up in 0..round {
+            question.sources[given_up].y += 3.0;
+            question.asked(|gather| gpu.gather(gather)).expect("room, and a device that works");
+            if given_up % 2 == 1 {
+                device.wait("test", device.queue().submit([])).expect("a device that works");
+            }
+        }
+        // More rows than there was room for so far take another buffer.
+        question = Question::new(&[chunk(round as i32, &vec![40; 90 << round])], Residency::Mixed(round));
+        question.sources[7] = Vec4::new(1.0, 2.0, round as f32, 1.0);
+    }
+    check(&mut gpu, &question);
 }
 
 /// Goal: more than there is room for is refused in words, and what fits again is gathered again.
@@ -218,7 +279,7 @@ fn rows_without_room_are_refused_until_they_fit() {
     let refused = three.asked(|gather| gpu.gather(gather));
     assert_eq!(refused, Err(ReceiversError::TooLarge { bytes: 24_000, most: 16_000 }));
     assert!(!three.asked(|gather| gpu.begin(gather)));
-    assert_eq!(gpu.take(), Gathering::Idle);
+    assert_eq!(gpu.take(), Asked::Lost);
     check(&mut gpu, &two);
     check(&mut gpu, &Question::new(&chunks[2..], Residency::All));
 }
@@ -267,14 +328,14 @@ fn tables_above_a_binding_are_refused() {
 fn a_gather_is_answered_once_and_a_lost_device_never() {
     let Some(device) = device_or_skip() else { return };
     let mut gpu = GpuReceivers::new(&device).expect("a small buffer");
-    assert_eq!(gpu.take(), Gathering::Idle);
+    assert_eq!(gpu.take(), Asked::Lost);
     let [few, many] = [3, 90].map(|rows| Question::new(&[chunk(0, &vec![64; rows])], Residency::All));
     assert!(few.asked(|gather| gpu.begin(gather)) && many.asked(|gather| gpu.begin(gather)));
     assert_eq!(fetched(&mut gpu).len(), 90);
-    assert_eq!(gpu.take(), Gathering::Idle);
+    assert_eq!(gpu.take(), Asked::Lost);
     assert!(few.asked(|gather| gpu.begin(gather)));
     device.destroy();
-    assert_eq!(gpu.take(), Gathering::Idle);
+    assert_eq!(gpu.take(), Asked::Lost);
     assert!(!few.asked(|gather| gpu.begin(gather)) && device.is_lost());
     assert_eq!(gpu.rows_max(), 0);
     assert!(matches!(GpuReceivers::new(&device), Err(ReceiversError::Device(_))));

@@ -1,5 +1,6 @@
 //! Light of receivers, or far light of patches, on a device: rows of chunks stay there, what their columns stand for is
-//! kept up to date, and one dispatch gathers all that is asked for. Its sums are fetched when they have come.
+//! kept up to date, and one dispatch gathers all that is asked for. What of its sums is news is fetched when it has come
+//! ([`crate::told_sums`]).
 //!
 //! Rows go to the device when their chunk is first named and stay as long as it is; room is handed out from the front of two
 //! lists, and what still counts is put into new ones when they are full. Of the table of columns only what changed is uploaded. What leaves
@@ -8,25 +9,20 @@
 use crate::arena::Arena;
 use crate::device::GpuDevice;
 use crate::mirror::Mirror;
-use crate::rays::STORAGE;
-use crate::readback::Readback;
 use crate::recorder::{Recorder, folded, uniform_buffer};
 use crate::row_room::RowRoom;
 use crate::timing::{PassTime, Sampling, Timing};
+use crate::told_sums::{SUMS_BYTES, ToldSums};
 use earthshine_radiosity::BackendError;
-use earthshine_radiosity::receivers::{
-    Gathering, ReceiverGather, ReceiverLight, ReceiverRow, ReceiverSums, RowsOf,
-};
-use earthshine_shaders::host::{
-    Pass, ReceiverAsked, ReceiverColumn, ReceiverLight as GatheredLight, ReceiverSpan, SegmentSpan,
-};
+use earthshine_radiosity::receivers::{ReceiverGather, ReceiverLight, ReceiverRow, ReceiverSums, RowsOf};
+use earthshine_shaders::host::{Pass, ReceiverAsked, ReceiverColumn, ReceiverSpan, SegmentSpan};
 use earthshine_shaders::kernel::GATHER_RECEIVERS;
-use earthshine_world::{Chunk, ChunkRows, Column, Rgb, Vec4};
+use earthshine_world::{Asked, Chunk, ChunkRows, Column, Vec4};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use wgpu::Buffer;
 
-/// Most receivers of one gather: 3 MiB of sums.
+/// Most receivers of one gather: 3 MiB of sums, and 4 MiB of what of them is news, at most.
 pub const ROWS_MAX: usize = 1 << 16;
 /// Most memory for the columns of rows, of all who gather on a device together, bytes.
 pub const COLUMN_BYTES_MAX: u64 = 256 << 20;
@@ -79,13 +75,6 @@ struct Resident {
     first_row: u32,
 }
 
-/// Where the sums of a gather go.
-#[derive(Debug)]
-struct Room {
-    gathered: Buffer,
-    readback: Readback,
-}
-
 /// Receivers of one session, or patches of one of its levels, on a device.
 #[derive(Debug)]
 pub struct GpuReceivers {
@@ -103,10 +92,10 @@ pub struct GpuReceivers {
     sky: Mirror<[f32; 4]>,
     /// Whose rows are there; none before the first gather.
     rows_of: Option<RowsOf>,
-    room: Room,
+    told: ToldSums,
     uniforms: Buffer,
-    /// Rows of the gather that was handed over.
-    under_way: Option<usize>,
+    /// Rows of the gather that was handed over, by their numbers on the device.
+    under_way: Option<Vec<u32>>,
     timing: Option<Timing>,
     sampling: Sampling,
 }
@@ -137,7 +126,7 @@ impl GpuReceivers {
             sources: Mirror::new(device, "sources")?,
             sky: Mirror::new(device, "sky")?,
             rows_of: None,
-            room: Room::new(device, 0)?,
+            told: ToldSums::new(device, ROWS_MIN)?,
             uniforms: uniform_buffer(device)?,
             under_way: None,
             timing: None,
@@ -155,9 +144,8 @@ impl GpuReceivers {
         self.device.check()?;
         self.sampling.begin(&self.device, &mut self.timing)?;
         self.bring_rows(gather)?;
-        self.bring_lists(gather)?;
-        let rows = gather.rows.len();
-        if rows > 0 {
+        let rows = self.bring_lists(gather)?;
+        if !rows.is_empty() {
             self.dispatch(gather)?;
         }
         self.under_way = Some(rows);
@@ -166,10 +154,7 @@ impl GpuReceivers {
 
     fn dispatch(&mut self, gather: &ReceiverGather<'_>) -> Result<(), ReceiversError> {
         let rows = gather.rows.len() as u32;
-        let bytes = size_of::<GatheredLight>() as u64 * u64::from(rows);
-        if bytes > self.room.gathered.size() {
-            self.room = Room::new(&self.device, bytes.next_power_of_two())?;
-        }
+        let gathered = self.told.gathered(&self.device, rows, gather.rows_of)?;
         let pass = Pass { entry_count: rows, rows: gather.slot_count, ..Pass::default() };
         let mut recorder = Recorder::new(&self.device, &self.uniforms, self.timing.as_mut());
         let bound = [
@@ -180,7 +165,7 @@ impl GpuReceivers {
             self.source_of.buffer(),
             self.sources.buffer(),
             self.sky.buffer(),
-            &self.room.gathered,
+            gathered,
         ];
         let columns = |row: &ReceiverRow| {
             let starts = &gather.rows_of.of(gather.chunks[row.chunk as usize]).row_starts;
@@ -188,9 +173,9 @@ impl GpuReceivers {
         };
         recorder.over(gather.rows.iter().map(columns).sum());
         recorder.dispatch(&GATHER_RECEIVERS, &bound, pass, folded(rows.div_ceil(ROWS_A_GROUP)));
-        self.room.readback.record(recorder.encoder(), &[&self.room.gathered]);
+        self.told.record(&mut recorder, self.asked.buffer(), rows, self.rows.used());
         let submission = recorder.submit()?;
-        self.room.readback.submitted(submission);
+        self.told.submitted(&self.device, submission);
         self.sampling.end(&self.device, &mut self.timing)?;
         Ok(())
     }
@@ -242,7 +227,8 @@ impl GpuReceivers {
         let binding = self.device.binding_bytes_max();
         let too_large = |bytes: u64| move |most: u64| ReceiversError::TooLarge { bytes, most };
         let strides = (size_of::<ReceiverSpan>(), size_of::<ReceiverColumn>());
-        let [row_bytes, column_bytes] = [rows * strides.0 as u64, columns * strides.1 as u64];
+        // What was told of a row takes more than the row.
+        let [row_bytes, column_bytes] = [rows * SUMS_BYTES as u64, columns * strides.1 as u64];
         if row_bytes.max(column_bytes) > binding {
             return Err(too_large(row_bytes.max(column_bytes))(binding));
         }
@@ -251,16 +237,19 @@ impl GpuReceivers {
         self.columns = Arena::new(&self.device, "receiver columns", strides.1, 0)?;
         let given = self.column_room.take(wanted, column_bytes, self.column_bytes_max);
         let columns = given.map_err(too_large(column_bytes))? / strides.1 as u64;
-        let rows = (2 * rows).max(ROWS_MIN).min(binding / strides.0 as u64);
-        let made = Arena::new(&self.device, "receivers", strides.0, rows)
-            .and_then(|rows| Ok((rows, Arena::new(&self.device, "receiver columns", strides.1, columns)?)));
+        let rows = (2 * rows).max(ROWS_MIN).min(binding / SUMS_BYTES as u64);
+        let made = ToldSums::new(&self.device, rows).and_then(|told| {
+            let rows = Arena::new(&self.device, "receivers", strides.0, rows)?;
+            Ok((told, rows, Arena::new(&self.device, "receiver columns", strides.1, columns)?))
+        });
         // Room for what could not be had is left to others.
-        (self.rows, self.columns) = made.inspect_err(|_| self.column_room = RowRoom::new(&self.device))?;
+        (self.told, self.rows, self.columns) =
+            made.inspect_err(|_| self.column_room = RowRoom::new(&self.device))?;
         Ok(())
     }
 
-    /// Tells the device what is asked for, and what columns stand for now.
-    fn bring_lists(&mut self, gather: &ReceiverGather<'_>) -> Result<(), ReceiversError> {
+    /// Tells the device what is asked for, and what columns stand for now. Returns the numbers of the rows there.
+    fn bring_lists(&mut self, gather: &ReceiverGather<'_>) -> Result<Vec<u32>, ReceiversError> {
         let ask = |row: &ReceiverRow| {
             let chunk = row.chunk as usize;
             let first_row = self.residents[&address(gather.chunks[chunk])].first_row;
@@ -277,20 +266,20 @@ impl GpuReceivers {
         self.source_of.bring(device, gather.columns)?;
         self.sources.bring(device, &sources)?;
         self.sky.bring(device, &sky)?;
-        Ok(())
+        Ok(asked.iter().map(|asked| asked.row).collect())
     }
 
     /// How the last gather stands; see [`ReceiverLight::take`].
     ///
     /// # Errors
     /// [`ReceiversError::Device`]; nothing is under way then.
-    pub fn fetch(&mut self) -> Result<Gathering, ReceiversError> {
-        let Some(rows) = self.under_way.take() else { return Ok(Gathering::Idle) };
-        if rows > 0 && !self.room.readback.has_come(&self.device)? {
+    pub fn fetch(&mut self) -> Result<Asked<Vec<ReceiverSums>>, ReceiversError> {
+        let Some(rows) = self.under_way.take() else { return Ok(Asked::Lost) };
+        if !rows.is_empty() && !self.told.arrive(&self.device)? {
             self.under_way = Some(rows);
-            return Ok(Gathering::UnderWay);
+            return Ok(Asked::UnderWay);
         }
-        self.read(rows).map(Gathering::Done)
+        Ok(Asked::Done(self.sums_of(&rows)))
     }
 
     /// The sums of the last gather, waited for; none if nothing is under way.
@@ -298,19 +287,15 @@ impl GpuReceivers {
     /// # Errors
     /// [`ReceiversError::Device`]; nothing is under way then.
     pub fn wait(&mut self) -> Result<Vec<ReceiverSums>, ReceiversError> {
-        let rows = self.under_way.take().unwrap_or(0);
-        self.read(rows)
+        let rows = self.under_way.take().unwrap_or_default();
+        if !rows.is_empty() {
+            self.told.wait(&self.device)?;
+        }
+        Ok(self.sums_of(&rows))
     }
 
-    fn read(&mut self, rows: usize) -> Result<Vec<ReceiverSums>, ReceiversError> {
-        let mut sums = Vec::new();
-        if rows > 0 {
-            self.room.readback.fetch(&self.device, "receivers", |bytes| {
-                let bytes = &bytes[..rows * size_of::<GatheredLight>()];
-                sums = bytemuck::pod_collect_to_vec::<u8, GatheredLight>(bytes).iter().map(sums_of).collect();
-            })?;
-        }
-        Ok(sums)
+    fn sums_of(&self, rows: &[u32]) -> Vec<ReceiverSums> {
+        rows.iter().map(|&row| self.told.of(row)).collect()
     }
 
     /// Times every pass from now on; false where the device cannot.
@@ -348,19 +333,11 @@ impl ReceiverLight for GpuReceivers {
         self.gather(gather).inspect_err(|error| self.say(error)).is_ok()
     }
 
-    fn take(&mut self) -> Gathering {
+    fn take(&mut self) -> Asked<Vec<ReceiverSums>> {
         self.fetch().unwrap_or_else(|error| {
             self.say(&error);
-            Gathering::Idle
+            Asked::Lost
         })
-    }
-}
-
-impl Room {
-    fn new(device: &GpuDevice, bytes: u64) -> Result<Self, BackendError> {
-        let gathered = device.buffer("gathered", bytes, STORAGE)?;
-        let readback = Readback::new(device, gathered.size())?;
-        Ok(Self { gathered, readback })
     }
 }
 
@@ -386,15 +363,4 @@ fn row_words(rows: &ChunkRows, first: u32) -> Vec<ReceiverSpan> {
         count: bounds[1] - bounds[0],
     };
     rows.row_starts.windows(2).zip(&rows.sky_shares).map(of).collect()
-}
-
-fn sums_of(light: &GatheredLight) -> ReceiverSums {
-    ReceiverSums {
-        irradiance: Rgb::from_array(light.irradiance),
-        resident_share: light.resident_share,
-        far_irradiance: Rgb::from_array(light.far_irradiance),
-        far_share: light.far_share,
-        sky_irradiance: Rgb::from_array(light.sky_irradiance),
-        fed_share: light.fed_share,
-    }
 }

@@ -152,12 +152,12 @@ impl Timing {
         if bytes == 0 {
             return Ok(None);
         }
-        let staging = Staging::new(device, bytes)?;
+        let mut staging = Staging::new(device, bytes)?;
         let mut encoder = device.wgpu().create_command_encoder(&Default::default());
         self.resolve(&mut encoder);
         encoder.copy_buffer_to_buffer(&self.resolved, 0, staging.buffer(), 0, bytes);
         device.queue().submit([encoder.finish()]);
-        staging.map(bytes);
+        staging.map(device, "pass times", bytes);
         Ok(Some(Coming { timing: self, staging }))
     }
 

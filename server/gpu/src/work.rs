@@ -59,6 +59,10 @@ pub(crate) fn work(kernel: &Kernel, pass: &Pass, items: u64) -> Option<Work> {
         "gather_rows" => both((3.0 * NUMBER + 2.0 * LIGHT, 4.0), (2.0 * NUMBER + LIGHT, 8.0)),
         // Who is asked for, a row, the light of three kinds; a column, its span and place in the list, a source.
         "gather_receivers" => both((22.0 * NUMBER, 24.0), (5.0 * NUMBER + LIGHT, 10.0)),
+        // Who is asked for, four numbers gathered and told. What is news comes on top of it, as for light of slots.
+        "count_sums" | "list_sums" => {
+            each(2.0 * LIGHT + 2.0 * NUMBER / f64::from(pass.part_count.max(1)), 0.0)
+        }
         "take_gathered" => each(NUMBER + if is_shot { 6.0 } else { 4.0 } * LIGHT, 16.0),
         "measure_light" => each(if is_shot { 4.0 } else { 2.0 } * LIGHT, 20.0),
         "sum_light" => each(2.0 * LIGHT, 8.0),
@@ -88,6 +92,12 @@ pub(crate) fn work(kernel: &Kernel, pass: &Pass, items: u64) -> Option<Work> {
             let points = f64::from(pass.rows);
             known(points * (entries + 1.0) * LIGHT, 4.0 * points * entries)
         }
+        // Of all points; of a patch where they are, and what is told of it. What points have to be told comes on top.
+        "sum_points" => {
+            let points = f64::from(pass.rows);
+            known(points * LIGHT + entries * (2.0 * NUMBER + LIGHT), 6.0 * points)
+        }
+        "list_points" => each(2.0 * NUMBER + LIGHT, 0.0),
         "scatter_exchange" => each(3.0 * NUMBER, 0.0),
         _ => matrix_work(kernel, pass, items),
     }

@@ -5,7 +5,7 @@
 use crate::arrival::arrival;
 use crate::occluder_set::OccluderSet;
 use earthshine_world::random::{Purpose, hash, unit_pair};
-use earthshine_world::{Light, Rgb, SamplePoint, Vec3};
+use earthshine_world::{Asked, Light, Rgb, SamplePoint, Vec3};
 
 /// The golden ratio's turn: with radii in equal steps of area, the points form Vogel's spiral, which covers a disc
 /// evenly with any number of points.
@@ -28,8 +28,11 @@ pub fn direct_irradiance(
     irradiance_by_point(occluders, lights, points, epsilon_m, seed, |_, _| ())
 }
 
-/// [`direct_irradiance`], and what it is the mean of: the irradiance on each of `points`, lx; nothing where all have the
-/// same.
+/// Irradiance on a patch, lx: the mean over its sample points, and that on each of them; nothing where all have the same, or
+/// where nobody wants it.
+pub type LitPatch = (Rgb, Box<[Rgb]>);
+
+/// [`direct_irradiance`], and what it is the mean of.
 #[must_use]
 pub fn direct_irradiance_on(
     occluders: &OccluderSet,
@@ -37,7 +40,7 @@ pub fn direct_irradiance_on(
     points: &[SamplePoint],
     epsilon_m: f32,
     seed: u64,
-) -> (Rgb, Box<[Rgb]>) {
+) -> LitPatch {
     let mut on_points = vec![Rgb::ZERO; points.len()];
     let each = |point: usize, light: Rgb| on_points[point] += light;
     let mean = irradiance_by_point(occluders, lights, points, epsilon_m, seed, each);
@@ -104,28 +107,21 @@ impl PatchPoints<'_> {
     }
 }
 
-/// How light stands that somebody was asked for.
-#[derive(Debug, Clone, PartialEq)]
-pub enum LightLook {
-    /// It has not come yet.
-    UnderWay,
-    /// On each of all points of the patches asked for, in order.
-    Done(Vec<Rgb>),
-    /// It will not come, or it was given before.
-    Lost,
-}
-
 /// Light that somebody was asked for; who drops it wants it no more.
 pub trait LightUnderWay: Send + std::fmt::Debug {
-    /// How it stands. Never waits; light is given once.
-    fn look(&mut self) -> LightLook;
+    /// How it stands: light of the patches asked for, in order, is given once. Never waits.
+    fn look(&mut self) -> Asked<Vec<LitPatch>>;
 }
 
 /// Lights many patches at once, elsewhere than on the CPU, without being waited for.
 pub trait DirectLight: Send + std::fmt::Debug {
-    /// Takes over the light of all points of `patches`, to be as [`direct_irradiance_on`] has it, to rounding; a shadow's edge
-    /// may pass a point on the other side. It is of `occluders` as they are now, whatever becomes of them. `None` where the CPU
-    /// has to do it: too few to be worth the way, or no device any more.
+    /// Fewer points times lamps are left to the CPU: they are not worth the way. As many as there can be where there is no
+    /// device.
+    fn rays_min(&self) -> usize;
+
+    /// Takes over the light of `patches`, to be as [`direct_irradiance_on`] has it, to rounding; a shadow's edge may pass a
+    /// point on the other side. That on single points is told only if it is wanted. It is of `occluders` as they are now,
+    /// whatever becomes of them. `None` is a refusal: no room, or no device any more.
     ///
     /// What is asked for first comes first.
     fn begin(
@@ -133,6 +129,7 @@ pub trait DirectLight: Send + std::fmt::Debug {
         occluders: &OccluderSet,
         lights: &[Light],
         patches: &[PatchPoints<'_>],
+        wants_points: bool,
     ) -> Option<Box<dyn LightUnderWay>>;
 }
 

@@ -26,7 +26,7 @@ pub mod tree_layout;
 
 pub use arrival::{Arrival, arrival};
 pub use direct::{
-    DirectLight, LightLook, LightUnderWay, PatchPoints, direct_irradiance, direct_irradiance_on, told_apart,
+    DirectLight, LightUnderWay, LitPatch, PatchPoints, direct_irradiance, direct_irradiance_on, told_apart,
 };
 pub use near::{NEAR_SHARE_MIN, NearPatch, Viewer};
 pub use occluder_set::OccluderSet;

@@ -213,6 +213,17 @@ pub trait Backend: Send {
     /// [`BackendError::Length`] if the slices differ in length; [`BackendError::SlotFree`].
     fn read_irradiance(&mut self, slots: &[Slot], out: &mut [Rgb]) -> Result<(), BackendError>;
 
+    /// Whether [`read_irradiance`](Self::read_irradiance) has nothing to wait for.
+    fn reads_at_once(&self) -> bool {
+        true
+    }
+
+    /// Has [`take_news`](Self::take_news) tell of all slots once a step has evaluated them, as if nothing had been told yet.
+    /// False where that cannot be: who wants all light reads it.
+    fn tell_afresh(&mut self) -> bool {
+        false
+    }
+
     /// As [`read_irradiance`](Self::read_irradiance), of the last step before the first call, but does not wait: false as
     /// long as the light is not here, and `out` is as it was; who asks again then asks for the same slots. The default reads
     /// at once.

@@ -8,7 +8,7 @@
 //!
 //! It decides nothing: which rows, when, and what becomes of the sums is the engine's.
 
-use earthshine_world::{Chunk, ChunkRows, Rgb, Sky, Vec4};
+use earthshine_world::{Asked, Chunk, ChunkRows, Rgb, Sky, Vec4};
 use std::sync::Arc;
 
 /// Of a column that no source stands for: it is far, and a gap.
@@ -75,7 +75,8 @@ pub struct ReceiverGather<'a> {
     pub rows: &'a [ReceiverRow],
 }
 
-/// What one row gathers.
+/// What one row gathers. Rows of patches are asked for far light: of their sums all is zero but
+/// [`Self::far_irradiance`] and [`Self::fed_share`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ReceiverSums {
     /// Irradiance from resident patches, lx.
@@ -92,17 +93,6 @@ pub struct ReceiverSums {
     pub fed_share: f32,
 }
 
-/// How a gather stands.
-#[derive(Debug, PartialEq)]
-pub enum Gathering {
-    /// Nothing is under way, or what was is lost.
-    Idle,
-    /// The sums have not come yet.
-    UnderWay,
-    /// One a row, in the order asked.
-    Done(Vec<ReceiverSums>),
-}
-
 /// Gathers light of receivers where their rows lie, without being waited for.
 pub trait ReceiverLight: Send + std::fmt::Debug {
     /// Most rows of one gather; none where the CPU has to do it.
@@ -114,9 +104,8 @@ pub trait ReceiverLight: Send + std::fmt::Debug {
     /// The sums are those of [`gather_receivers`], to rounding.
     fn begin(&mut self, gather: &ReceiverGather<'_>) -> bool;
 
-    /// How the last gather stands; sums are given once. Never waits: a gather is under way until its sums are here or it is
-    /// lost.
-    fn take(&mut self) -> Gathering;
+    /// How the last gather stands: its sums, one a row, in the order asked, are given once. Never waits.
+    fn take(&mut self) -> Asked<Vec<ReceiverSums>>;
 }
 
 /// All of it at once, in `f64`: what a [`ReceiverLight`] is held against.
@@ -150,13 +139,16 @@ fn sums_of(gather: &ReceiverGather<'_>, ReceiverRow { chunk, row }: ReceiverRow)
         }
     }
     let rgb = |sums: [f64; 4]| Rgb::new(sums[0] as f32, sums[1] as f32, sums[2] as f32);
-    ReceiverSums {
-        irradiance: rgb(near),
-        resident_share: near[3] as f32,
-        far_irradiance: rgb(far),
-        far_share: far_share as f32,
-        sky_irradiance: gather.sky.irradiance(&rows.sky_shares[row]),
-        fed_share: far[3] as f32,
+    let fed = ReceiverSums { far_irradiance: rgb(far), fed_share: far[3] as f32, ..ReceiverSums::default() };
+    match gather.rows_of {
+        RowsOf::Patches => fed,
+        RowsOf::Receivers => ReceiverSums {
+            irradiance: rgb(near),
+            resident_share: near[3] as f32,
+            sky_irradiance: gather.sky.irradiance(&rows.sky_shares[row]),
+            far_share: far_share as f32,
+            ..fed
+        },
     }
 }
 

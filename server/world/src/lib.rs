@@ -7,6 +7,7 @@
 //!
 //! | module | words |
 //! |---|---|
+//! | [`asked`] | how something stands that somebody else was asked for |
 //! | [`direction`] | the six directions of a voxel and how a normal spreads over them |
 //! | [`grid`] | voxels, chunks and where a point lies |
 //! | [`patch`] | patches, their identity and their sample points |
@@ -20,6 +21,7 @@
 //! | [`camera`] | who looks, from where, how fast |
 //! | [`random`] | every random number is a hash of (seed, purpose, index) |
 
+pub mod asked;
 pub mod camera;
 pub mod chunk;
 pub mod direction;
@@ -33,6 +35,7 @@ pub mod receivers;
 pub mod rows;
 pub mod surface_plane;
 
+pub use asked::Asked;
 pub use camera::Camera;
 pub use chunk::{Chunk, OccluderMesh};
 pub use direction::{AxisWeights, Direction};

@@ -20,6 +20,8 @@ const TREE_STACK: u32 = 40u;
 const NO_TRIANGLE: u32 = 0xFFFFFFFFu;
 // Of a column that no source stands for.
 const NO_SOURCE: u32 = 0xFFFFFFFFu;
+// Parts of a row's sums: what comes from slots, from coarse parents, from the sky.
+const SUM_PARTS: u32 = 3u;
 // Parts of a ray that counts whole.
 const RAY_PARTS: u32 = 1048576u;
 // Most rays whose ends one workgroup adds up.

@@ -6,8 +6,8 @@ struct Pass {
     end_stripe: u32,        // 12  one past its last stripe
     channel: u32,           // 16  which of three values of a patch the bound plane goes with
     entry_count: u32,       // 20  entries, members or tiles in the bound list
-    part: u32,              // 24  which part of a plane is bound
-    part_count: u32,        // 28  parts of a plane
+    part: u32,              // 24  which part of a plane is bound; the first part of rows' sums that is compared
+    part_count: u32,        // 28  parts of a plane; parts of a row's sums that are compared
     channel_stride: u32,    // 32  numbers from one channel of the operand to the next; 0 if all share it
     first_weight: f32,      // 36
     second_weight: f32,     // 40

@@ -27,7 +27,7 @@ struct ReceiverLight {
     irradiance: vec3<f32>,        //  0  from resident patches
     resident_share: f32,          // 12
     far_irradiance: vec3<f32>,    // 16  from coarse parents
-    far_share: f32,               // 28
+    fed_share: f32,               // 28  of the far share: what known parents stand for
     sky_irradiance: vec3<f32>,    // 32
-    fed_share: f32,               // 44  of the far share: what known parents stand for
+    far_share: f32,               // 44
 }                                 // 48

@@ -69,9 +69,9 @@ fn gather_receivers(
             lane_near[lane].xyz,
             lane_near[lane].w,
             lane_far[lane].xyz,
-            lane_far_share[lane],
-            PI * (first.xyz + last.xyz),
             lane_far[lane].w,
+            PI * (first.xyz + last.xyz),
+            lane_far_share[lane],
         );
     }
 }

@@ -9,12 +9,6 @@ struct LightPoint {
     of_patch: u32,           // 28
 }                            // 32
 
-// The points of a patch.
-struct PointSpan {
-    first_point: u32,        //  0
-    point_count: u32,        //  4
-}                            //  8
-
 struct Lamp {
     position: vec3<f32>,     //  0  m
     kind: u32,               // 12  SUN, BARE or SPOT

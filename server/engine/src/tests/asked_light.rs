@@ -7,8 +7,10 @@ use super::world::{RandomWorld, WorldShape};
 use crate::asked_light::QUESTIONS_MAX;
 use crate::local_set::LocalSet;
 use crate::{EngineConfig, Event};
-use earthshine_light::{DirectLight, LightLook, LightUnderWay, OccluderSet, PatchPoints, direct_irradiance};
-use earthshine_world::{Light, LightRig, PatchId, Rgb, Vec3};
+use earthshine_light::{
+    DirectLight, LightUnderWay, LitPatch, OccluderSet, PatchPoints, direct_irradiance, direct_irradiance_on,
+};
+use earthshine_world::{Asked, Light, LightRig, PatchId, Rgb, Vec3};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -18,13 +20,13 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 struct Manner {
     /// Looks, at any question, before an answer is there.
     looks: u64,
-    patches_min: usize,
+    rays_min: usize,
     /// Of so many questions one is refused, and one is lost; none for 0.
     refuses_every: u64,
     loses_every: u64,
 }
 
-const PROMPT: Manner = Manner { looks: 0, patches_min: 0, refuses_every: 0, loses_every: 0 };
+const PROMPT: Manner = Manner { looks: 0, rays_min: 0, refuses_every: 0, loses_every: 0 };
 const SLOW: Manner = Manner { looks: 4, ..PROMPT };
 
 /// What all who light together share.
@@ -45,48 +47,54 @@ struct Elsewhere(Manner, Arc<Shared>);
 #[derive(Debug)]
 struct Answer {
     due: u64,
-    light: Option<Vec<Rgb>>,
+    light: Option<Vec<LitPatch>>,
     shared: Arc<Shared>,
 }
 
 impl DirectLight for Elsewhere {
+    fn rays_min(&self) -> usize {
+        self.0.rays_min
+    }
+
     fn begin(
         &mut self,
         occluders: &OccluderSet,
         lights: &[Light],
         patches: &[PatchPoints<'_>],
+        wants_points: bool,
     ) -> Option<Box<dyn LightUnderWay>> {
         assert!(!lights.is_empty() && !patches.is_empty(), "there is something to light");
         let Self(manner, shared) = self;
         let number = shared.begun.fetch_add(1, Ordering::Relaxed) + 1;
         let is_refused = manner.refuses_every > 0 && number.is_multiple_of(manner.refuses_every);
-        if is_refused || patches.len() < manner.patches_min || shared.is_gone.load(Ordering::Relaxed) {
+        if is_refused || shared.is_gone.load(Ordering::Relaxed) {
             return None;
         }
         let is_lost = manner.loses_every > 0 && number.is_multiple_of(manner.loses_every);
         let lit = |of: &PatchPoints<'_>| {
-            vec![direct_irradiance(occluders, lights, of.points, of.epsilon_m, of.seed); of.points.len()]
+            let (mean, on_points) = direct_irradiance_on(occluders, lights, of.points, of.epsilon_m, of.seed);
+            (mean, if wants_points { on_points } else { Box::default() })
         };
         shared.under_way.fetch_add(1, Ordering::Relaxed);
         Some(Box::new(Answer {
             due: shared.looks.load(Ordering::Relaxed) + manner.looks,
-            light: (!is_lost).then(|| patches.iter().flat_map(lit).collect()),
+            light: (!is_lost).then(|| patches.iter().map(lit).collect()),
             shared: Arc::clone(shared),
         }))
     }
 }
 
 impl LightUnderWay for Answer {
-    fn look(&mut self) -> LightLook {
+    fn look(&mut self) -> Asked<Vec<LitPatch>> {
         if self.shared.is_gone.load(Ordering::Relaxed) {
-            return LightLook::Lost;
+            return Asked::Lost;
         }
         if self.shared.looks.fetch_add(1, Ordering::Relaxed) < self.due
             || self.shared.is_stuck.load(Ordering::Relaxed)
         {
-            return LightLook::UnderWay;
+            return Asked::UnderWay;
         }
-        self.light.take().map_or(LightLook::Lost, LightLook::Done)
+        self.light.take().map_or(Asked::Lost, Asked::Done)
     }
 }
 
@@ -140,7 +148,7 @@ fn patches_by_slot(set: &LocalSet) -> BTreeMap<u32, PatchId> {
 #[test]
 fn light_computed_elsewhere_is_the_light_computed_here() {
     let unsure = Manner { refuses_every: 3, loses_every: 4, ..SLOW };
-    let large = Manner { patches_min: 9, ..SLOW };
+    let large = Manner { rays_min: 36, ..SLOW };
     let places = [Vec3::ZERO, Vec3::new(5.0, 1.0, 3.0), Vec3::new(15.0, 2.0, 9.0), Vec3::ZERO];
     for slots in [1000, 30] {
         let settled = |harness: &mut Harness, at: usize| {

@@ -6,9 +6,9 @@ use super::harness::{ALICE, BOB, Harness, generous, lamp};
 use super::world::{RandomWorld, WorldShape};
 use crate::{EngineConfig, Event, Frame, PatchLight};
 use earthshine_radiosity::receivers::{
-    Gathering, ReceiverGather, ReceiverLight, ReceiverSums, RowsOf, gather_receivers,
+    ReceiverGather, ReceiverLight, ReceiverSums, RowsOf, gather_receivers,
 };
-use earthshine_world::{LightRig, Rgb, Sky, Vec3};
+use earthshine_world::{Asked, LightRig, Rgb, Sky, Vec3};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -53,13 +53,13 @@ impl ReceiverLight for Elsewhere {
         true
     }
 
-    fn take(&mut self) -> Gathering {
+    fn take(&mut self) -> Asked<Vec<ReceiverSums>> {
         match self.under_way.take() {
-            None => Gathering::Idle,
-            Some((0, sums)) => Gathering::Done(sums),
+            None => Asked::Lost,
+            Some((0, sums)) => Asked::Done(sums),
             Some((looks, sums)) => {
                 self.under_way = Some((looks - 1, sums));
-                Gathering::UnderWay
+                Asked::UnderWay
             }
         }
     }

@@ -99,7 +99,7 @@ impl GpuMatrix {
         }
         news.record(&mut recorder, &buffers.irradiance, pass.rows, Some(&buffers.refused));
         let submission = recorder.submit()?;
-        news.submitted(submission);
+        news.submitted(&self.device, submission);
         Ok(())
     }
 
@@ -122,7 +122,7 @@ impl GpuMatrix {
     /// # Errors
     /// [`BackendError::DeviceLost`], [`BackendError::OutOfMemory`].
     pub(crate) fn send_for_light(&mut self) -> Result<(), BackendError> {
-        self.light.send_for(&self.device, &[&self.buffers.irradiance])
+        self.light.send_for(&self.device, "light asked for", &[&self.buffers.irradiance])
     }
 
     /// The light that was sent for, once; nothing as long as it is on its way.
@@ -166,7 +166,7 @@ impl GpuMatrix {
             recorder.multiply(buffers, true, &buffers.gathered, pass);
         }
         recorder.submit()?;
-        self.probed.send_for(&self.device, &[&self.buffers.probed, &self.buffers.gathered])
+        self.probed.send_for(&self.device, "drift probe", &[&self.buffers.probed, &self.buffers.gathered])
     }
 
     /// What the probe found, once: what arrives by `H`, and by `F`; nothing as long as it is on its way, unless `is_waiting`.

@@ -14,18 +14,17 @@
 //! most. If there are more, the rest is fetched once the count is known, out of the step's own list; a step is told whole.
 //! Who keeps the light does not matter here: a matrix ([`crate::GpuBackend`]) or rows ([`crate::GpuRowLight`]).
 
-mod flight;
 #[cfg(test)]
 pub(crate) mod tests;
 
 use crate::device::GpuDevice;
+use crate::flight::Flight;
 use crate::recorder::{Recorder, folded};
 use earthshine_radiosity::{BackendError, Slot};
 use earthshine_shaders::host::{NewsEntry, NewsMarks, Pass};
 use earthshine_shaders::kernel::{COUNT_NEWS, LIST_NEWS, SCAN_GROUPS};
 use earthshine_shaders::limits::LANES;
 use earthshine_world::Rgb;
-use flight::Flight;
 use std::collections::VecDeque;
 use wgpu::{Buffer, BufferUsages, SubmissionIndex};
 
@@ -36,7 +35,7 @@ pub const COPIED_MIN: u32 = 64;
 
 /// Bytes on the device of the list of one step, for `slots` slots.
 pub(crate) fn list_bytes(slots: u32) -> u64 {
-    flight::ENTRY_BYTES * (u64::from(slots) + 1)
+    Flight::<NewsEntry>::list_bytes(slots)
 }
 
 /// News of all backends of a device so far.
@@ -70,11 +69,20 @@ pub(crate) struct News {
     told: Buffer,
     group_counts: Buffer,
     /// On their way, the oldest first; and those that may be used again.
-    flights: VecDeque<Flight>,
-    idle: Vec<Flight>,
+    flights: VecDeque<OfStep>,
+    idle: Vec<Flight<NewsEntry>>,
     waiting: Waiting,
     /// Of the newest step that arrived: its number, and the words that came with it.
     words: Option<(u64, Vec<u32>)>,
+}
+
+/// News of a step on its way.
+#[derive(Debug)]
+struct OfStep {
+    flight: Flight<NewsEntry>,
+    step: u64,
+    /// How often news had been asked for when it departed.
+    asked: u64,
 }
 
 /// What has arrived and was not taken yet, by slot.
@@ -110,7 +118,7 @@ impl News {
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
         let buffer = |label: &str, bytes: usize| device.buffer(label, bytes as u64, usage);
         let words = slots.div_ceil(32);
-        let idle = (0..FLIGHTS_MAX).map(|_| Flight::new(device, slots, words_bytes));
+        let idle = (0..FLIGHTS_MAX).map(|_| Flight::new(device, "news", slots as u32, words_bytes));
         Ok(Self {
             marks: vec![NewsMarks { known: 0, fresh: u32::MAX }; words],
             since: vec![0; slots],
@@ -153,6 +161,11 @@ impl News {
         marks.fresh |= bit;
         self.since[slot] = self.step + 1;
         self.waiting.light[slot] = None;
+    }
+
+    /// Everybody is told of by the next step, whatever was told before.
+    pub(crate) fn tell_afresh(&mut self) {
+        self.marks.iter_mut().for_each(|marks| marks.fresh = u32::MAX);
     }
 
     /// Whether light of step `step`, and words that came with it, are of the patch in `slot`.
@@ -232,11 +245,11 @@ impl News {
     }
 
     /// What was recorded is on its way.
-    pub(crate) fn submitted(&mut self, submission: SubmissionIndex) {
+    pub(crate) fn submitted(&mut self, device: &GpuDevice, submission: SubmissionIndex) {
         self.step += 1;
         let mut flight = self.idle.pop().expect("room was made");
-        flight.depart(submission, self.step, self.asked);
-        self.flights.push_back(flight);
+        flight.depart(device, submission);
+        self.flights.push_back(OfStep { flight, step: self.step, asked: self.asked });
     }
 
     /// Appends to `news` what has arrived. Does not wait.
@@ -271,7 +284,7 @@ impl News {
     }
 
     fn wait_for_oldest(&mut self, device: &GpuDevice) -> Result<(), BackendError> {
-        if let Some(submission) = self.flights.front().and_then(Flight::submission) {
+        if let Some(submission) = self.flights.front().and_then(|of| of.flight.submission()) {
             device.wait("news", submission)?;
         }
         self.collect(device)
@@ -283,18 +296,18 @@ impl News {
     /// [`BackendError::DeviceLost`], [`BackendError::NotANumber`].
     pub(crate) fn collect(&mut self, device: &GpuDevice) -> Result<(), BackendError> {
         device.poll()?;
-        while let Some(flight) = self.flights.front_mut()
-            && flight.arrive(device)?
+        while let Some(of) = self.flights.front_mut()
+            && of.flight.arrive(device)?
         {
-            let flight = self.flights.pop_front().expect("the one in front");
+            let OfStep { flight, step, asked } = self.flights.pop_front().expect("the one in front");
             device.note_news(NewsTotals {
                 frames: 1,
                 entries: flight.entries().len() as u64,
                 bytes: flight.bytes(),
-                late_frames: self.asked - flight.asked(),
+                late_frames: self.asked - asked,
                 waits: 0,
             });
-            let landed = self.land(&flight);
+            let landed = self.land(&flight, step);
             self.idle.push(flight);
             landed?;
         }
@@ -302,13 +315,13 @@ impl News {
     }
 
     /// Takes in the news of a step, all of which is here.
-    fn land(&mut self, flight: &Flight) -> Result<(), BackendError> {
+    fn land(&mut self, flight: &Flight<NewsEntry>, step: u64) -> Result<(), BackendError> {
         self.copied = (flight.entries().len() as u32).next_power_of_two().max(COPIED_MIN);
-        self.words = Some((flight.step(), flight.words().to_vec()));
+        self.words = Some((step, flight.words().to_vec()));
         for &NewsEntry { slot, red, green, blue } in flight.entries() {
             let (slot, light) = (slot as usize, Rgb::new(red, green, blue));
             // Of a patch that has left since.
-            if flight.step() < self.since[slot] {
+            if step < self.since[slot] {
                 continue;
             }
             if !light.is_finite() {

@@ -45,7 +45,7 @@ impl Life {
         recorder.write(&self.light, &planes(&light));
         self.news.record(&mut recorder, &self.light, self.slots as u32, None);
         let submission = recorder.submit().expect("a device that works");
-        self.news.submitted(submission);
+        self.news.submitted(&self.device, submission);
     }
 
     fn take(&mut self) -> Vec<(u32, f32)> {

@@ -325,7 +325,7 @@ impl GpuRowLight {
         recorder.dispatch(&PUBLISH_LIGHT, &bound, pass, groups(pass));
         self.news.record(&mut recorder, &buffers.published, slots, Some(&buffers.shot_words));
         let submission = recorder.submit()?;
-        self.news.submitted(submission);
+        self.news.submitted(&self.device, submission);
         self.is_read = false;
         Ok(())
     }
@@ -441,13 +441,17 @@ impl RowLight for GpuRowLight {
         Ok(())
     }
 
+    fn reads_at_once(&self) -> bool {
+        self.is_read
+    }
+
     fn poll(&mut self, residents: &Residents, slots: &[Slot], out: &mut [Rgb]) -> Result<bool, BackendError> {
         if !self.polled.is_coming() {
             if self.is_read {
                 return self.read(residents, slots, out).map(|()| true);
             }
             self.are_polled_known = slots.iter().map(|slot| self.news.is_of_patch(slot.0 as usize)).collect();
-            self.polled.send_for(&self.device, &[&self.buffers.published])?;
+            self.polled.send_for(&self.device, "light asked for", &[&self.buffers.published])?;
         }
         let Some(bytes) = self.polled.take(&self.device, None)? else { return Ok(false) };
         let light = lights_of(&bytes, self.published.len());

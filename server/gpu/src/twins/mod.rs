@@ -8,7 +8,9 @@ mod block;
 mod light;
 mod matrix;
 mod news;
+mod points;
 mod shots;
+mod sums;
 mod tables;
 
 use crate::AdapterChoice;
@@ -73,7 +75,16 @@ fn hold_on(device: &GpuDevice, twins: &[Twin]) {
 
 #[test]
 fn every_kernel_has_a_twin() {
-    let twins = [block::TWINS, light::TWINS, matrix::TWINS, news::TWINS, shots::TWINS, tables::TWINS];
+    let twins = [
+        block::TWINS,
+        light::TWINS,
+        matrix::TWINS,
+        news::TWINS,
+        points::TWINS,
+        shots::TWINS,
+        sums::TWINS,
+        tables::TWINS,
+    ];
     let kernels = twins.into_iter().flatten().flat_map(|twin| twin.kernels).copied();
     for (kernel, file) in &ELSEWHERE {
         assert!(file.contains("for count in [0, 1, 63, 64, 65, "), "{}", kernel.name);

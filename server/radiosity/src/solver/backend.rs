@@ -195,33 +195,44 @@ impl SolverBackend {
     fn enter(&mut self, settings: &SolverSettings) -> Result<(), BackendError> {
         self.audit = None;
         if settings.method == Method::Matrix {
-            self.is_matrix_untold |= self.on_rows.take().is_some();
+            if self.on_rows.take().is_some() {
+                let is_told = self.matrix.as_mut().is_some_and(|matrix| matrix.tell_afresh());
+                self.is_matrix_untold |= !is_told;
+            }
             return Ok(());
         }
-        let mut light = vec![[0.0; 4]; self.residents.links.capacity()];
-        let (slots, irradiance) = self.light()?;
-        for (slot, irradiance) in slots.iter().zip(irradiance) {
-            light[slot.0 as usize] = super::light(irradiance);
-        }
+        let light = self.light()?;
         let light = (self.make_light)(&mut self.residents, settings, &light)?;
         self.on_rows = Some(OnRows { made_for: *settings, light });
         Ok(())
     }
 
-    /// All light as it would be published now, by slot.
-    fn light(&mut self) -> Result<(Vec<Slot>, Vec<Rgb>), BackendError> {
+    /// All light as it would be published now, by slot; as it was told last where that would have to be waited for.
+    fn light(&mut self) -> Result<Vec<Light>, BackendError> {
+        let reads_at_once = match (&self.on_rows, &self.matrix) {
+            (Some(on_rows), _) => on_rows.light.reads_at_once(),
+            (None, Some(matrix)) => matrix.reads_at_once(),
+            (None, None) => true,
+        };
+        if !reads_at_once {
+            return Ok(self.light_to_go_on_from());
+        }
         let slots: Vec<Slot> = match (&self.on_rows, &self.matrix) {
             (None, None) => Vec::new(),
             (None, Some(matrix)) => self.slots(|slot| matrix.is_taken(slot)),
             (Some(_), _) => self.slots(|slot| self.is_taken(slot)),
         };
-        let mut light = vec![Rgb::ZERO; slots.len()];
+        let mut irradiance = vec![Rgb::ZERO; slots.len()];
         match (&mut self.on_rows, &mut self.matrix) {
-            (Some(on_rows), _) => on_rows.light.read(&self.residents, &slots, &mut light)?,
-            (None, Some(matrix)) => matrix.read_irradiance(&slots, &mut light)?,
+            (Some(on_rows), _) => on_rows.light.read(&self.residents, &slots, &mut irradiance)?,
+            (None, Some(matrix)) => matrix.read_irradiance(&slots, &mut irradiance)?,
             (None, None) => {}
         }
-        Ok((slots, light))
+        let mut light = vec![[0.0; 4]; self.residents.links.capacity()];
+        for (slot, irradiance) in slots.iter().zip(irradiance) {
+            light[slot.0 as usize] = super::light(irradiance);
+        }
+        Ok(light)
     }
 
     fn slots(&self, is_meant: impl Fn(Slot) -> bool) -> Vec<Slot> {

@@ -66,6 +66,11 @@ pub trait RowLight: Send {
     /// As [`Backend::read_irradiance`].
     fn read(&mut self, residents: &Residents, slots: &[Slot], out: &mut [Rgb]) -> Result<(), BackendError>;
 
+    /// As [`Backend::reads_at_once`], of the same light.
+    fn reads_at_once(&self) -> bool {
+        true
+    }
+
     /// As [`Backend::poll_irradiance`], of the same light. The default reads at once.
     ///
     /// # Errors

@@ -8,12 +8,10 @@ use clap::Args;
 use earthshine_gpu::alias::AliasBuilder;
 use earthshine_gpu::direct::{GpuDirect, GpuLight};
 use earthshine_gpu::{GpuDevice, PassTime};
-use earthshine_light::{
-    LightLook, LightUnderWay as _, OccluderSet, Occluders, PatchPoints, direct_irradiance,
-};
+use earthshine_light::{LightUnderWay as _, OccluderSet, Occluders, PatchPoints, direct_irradiance};
 use earthshine_scene::Scene;
 use earthshine_world::random::{Purpose, hash, unit_f32, unit_pair};
-use earthshine_world::{ChunkCoord, ChunkId, Light, OccluderMesh, Rgb, SamplePoint, Vec3};
+use earthshine_world::{Asked, ChunkCoord, ChunkId, Light, OccluderMesh, Rgb, SamplePoint, Vec3};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::VecDeque;
@@ -44,6 +42,7 @@ const EPSILON_M: f32 = 1e-3;
 
 /// Everything that a frame's direct light and tables need.
 pub(super) struct FrameWork {
+    device: GpuDevice,
     direct: GpuDirect,
     tables: AliasBuilder,
     casters: OccluderSet,
@@ -63,6 +62,12 @@ pub(super) struct DirectFigures {
     direct_error_rel: f64,
     /// How many frames later than its own a frame's light comes, where nobody waits for it.
     direct_late_frames: f64,
+    /// Bytes of light on all points.
+    direct_whole_bytes: usize,
+    /// Bytes that come back where somebody reads light on points.
+    direct_points_bytes: u64,
+    /// Bytes that come back where nobody does.
+    direct_bytes: u64,
 }
 
 impl FrameWork {
@@ -73,7 +78,7 @@ impl FrameWork {
         items: u32,
         seed: u64,
     ) -> anyhow::Result<Self> {
-        let mut direct = GpuDirect::new(device, 0)?;
+        let mut direct = GpuDirect::new(device)?;
         let has_timestamps = direct.time_passes()?;
         let mut tables = AliasBuilder::new(device, &vec![items as usize; arguments.rebuilt_rows as usize])?;
         let weight = |at: u64| unit_f32(hash(seed, Purpose::Simulation, at, 1));
@@ -83,13 +88,14 @@ impl FrameWork {
             .map(|patch| (0..u64::from(arguments.points)).map(|at| point(scene, seed, patch, at)).collect())
             .collect();
         let lights = (0..arguments.lights).map(|at| light(scene, seed, u64::from(at))).collect();
-        Ok(Self { direct, tables, casters: casters(scene), lights, points, has_timestamps })
+        let (device, casters) = (device.clone(), casters(scene));
+        Ok(Self { device, direct, tables, casters, lights, points, has_timestamps })
     }
 
-    /// Hands over direct light of all patches' points, and the tables.
+    /// Hands over direct light of all patches, and the tables.
     pub(super) fn begin(&mut self) -> anyhow::Result<GpuLight> {
         self.tables.build()?;
-        Ok(self.direct.light(&self.casters, &self.lights, &asked(&self.points))?)
+        Ok(self.direct.light(&self.casters, &self.lights, &asked(&self.points), false)?)
     }
 
     /// How many frames later than its own a frame's direct light comes, on average, at `period` a frame, every frame's asked for.
@@ -99,7 +105,7 @@ impl FrameWork {
             let start = Instant::now();
             under_way.push_back((frame, self.begin()?));
             while let Some((asked, light)) = under_way.front_mut()
-                && light.look() != LightLook::UnderWay
+                && light.look() != Asked::UnderWay
             {
                 late += frame - *asked;
                 under_way.pop_front();
@@ -122,23 +128,43 @@ impl FrameWork {
         let lit = |of: &PatchPoints<'_>| {
             direct_irradiance(&self.casters, &self.lights, of.points, of.epsilon_m, of.seed)
         };
-        let points = self.points[0].len();
         let expected: Vec<Rgb> = asked.par_iter().map(lit).collect();
         let cpu_direct_ms = start.elapsed().as_secs_f64() * 1e3;
         let (mut direct_ms, mut found) = (f64::INFINITY, Vec::new());
         for _ in 0..rounds {
             let start = Instant::now();
-            found = self.direct.light(&self.casters, &self.lights, &asked)?.wait()?;
+            found = self.direct.light(&self.casters, &self.lights, &asked, false)?.wait()?;
             direct_ms = direct_ms.min(start.elapsed().as_secs_f64() * 1e3);
         }
-        let mean = |of: &[Rgb]| of.iter().sum::<Rgb>() / points as f32;
-        let found = found.chunks(points).map(mean);
+        let found = found.iter().map(|&(mean, _)| mean);
         let sum =
             |light: &mut dyn Iterator<Item = Rgb>| light.map(|rgb| f64::from(rgb.element_sum())).sum::<f64>();
         let off = sum(&mut found.zip(&expected).map(|(a, b)| (a - *b).abs()));
         let direct_error_rel = off / sum(&mut expected.iter().copied()).max(1e-9);
+        // Of two answers the second, whose copy is guessed from the first.
+        let mut bytes = |wants_points: bool| -> anyhow::Result<u64> {
+            let mut bytes = 0;
+            for _ in 0..2 {
+                let read_back =
+                    || self.device.read_back_bytes().get("direct light").copied().unwrap_or_default();
+                let before = read_back();
+                self.direct.light(&self.casters, &self.lights, &asked, wants_points)?.wait()?;
+                bytes = read_back() - before;
+            }
+            Ok(bytes)
+        };
+        let (direct_points_bytes, direct_bytes) = (bytes(true)?, bytes(false)?);
         let direct_late_frames = self.late_frames(rate.news_frames, rate.period())?;
-        Ok(DirectFigures { direct_ms, cpu_direct_ms, direct_error_rel, direct_late_frames })
+        let direct_whole_bytes = 16 * self.points.iter().map(Vec::len).sum::<usize>();
+        Ok(DirectFigures {
+            direct_ms,
+            cpu_direct_ms,
+            direct_error_rel,
+            direct_late_frames,
+            direct_whole_bytes,
+            direct_points_bytes,
+            direct_bytes,
+        })
     }
 }
 

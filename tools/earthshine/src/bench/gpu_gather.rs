@@ -7,12 +7,11 @@ use clap::Args;
 use earthshine_gpu::receivers::GpuReceivers;
 use earthshine_gpu::{GpuDevice, PassTime};
 use earthshine_radiosity::receivers::{
-    ColumnSpan, Gathering, ReceiverGather, ReceiverLight as _, ReceiverRow, ReceiverSums, RowsOf,
-    gather_receivers,
+    ColumnSpan, ReceiverGather, ReceiverLight as _, ReceiverRow, ReceiverSums, RowsOf, gather_receivers,
 };
 use earthshine_world::random::{Purpose, hash, unit_f32};
 use earthshine_world::{
-    Chunk, ChunkCoord, ChunkId, ChunkRows, Column, OccluderMesh, Receivers, Rgb, Sky, Vec4,
+    Asked, Chunk, ChunkCoord, ChunkId, ChunkRows, Column, OccluderMesh, Receivers, Rgb, Sky, Vec4,
 };
 use serde::Serialize;
 use std::sync::Arc;
@@ -31,9 +30,12 @@ pub(super) struct GatherArguments {
 
 /// Slots and coarse parents that rows lead to.
 const PATCHES: u32 = 16_384;
+/// Patches that come together.
+const BLOCK: u32 = 32;
 
 /// Rows on a device, and what is asked of them.
 pub(super) struct GatherWork {
+    device: GpuDevice,
     gpu: GpuReceivers,
     chunk: Arc<Chunk>,
     columns: Vec<u32>,
@@ -53,6 +55,14 @@ pub(super) struct GatherFigures {
     gather_error_rel: f64,
     /// How many frames later than its own a gather's sums come, where nobody waits for them.
     gather_late_frames: f64,
+    /// Bytes of all sums of a gather.
+    gather_whole_bytes: usize,
+    /// Bytes that come back of a gather of other light of all patches.
+    gather_changed_bytes: u64,
+    /// Bytes that come back where a block of 32 patches took slots since.
+    gather_swapped_bytes: u64,
+    /// Bytes that come back where nothing has changed.
+    gather_settled_bytes: u64,
 }
 
 impl GatherWork {
@@ -61,6 +71,7 @@ impl GatherWork {
         let has_timestamps = gpu.time_passes()?;
         let source = |at: u32| Vec4::splat(1.0 + unit_f32(hash(seed, Purpose::Simulation, u64::from(at), 4)));
         Ok(Self {
+            device: device.clone(),
             gpu,
             chunk: Arc::new(chunk(arguments, seed)),
             columns: (0..PATCHES).collect(),
@@ -77,6 +88,11 @@ impl GatherWork {
     /// Hands a gather over, of other light than the last.
     pub(super) fn begin(&mut self) -> anyhow::Result<()> {
         self.sources.iter_mut().for_each(|source| *source = Vec4::new(source.y, source.z, source.x, 1.0));
+        self.begin_again()
+    }
+
+    /// Hands a gather over, of the light that there is.
+    fn begin_again(&mut self) -> anyhow::Result<()> {
         let Self { gpu, chunk, columns, sources, rows, .. } = self;
         Ok(gpu.gather(&question(&[chunk], columns, sources, rows))?)
     }
@@ -86,12 +102,21 @@ impl GatherWork {
         Ok(self.gpu.wait()?)
     }
 
+    /// Bytes that come back of a gather that `begin` hands over.
+    fn bytes_of(&mut self, begin: impl FnOnce(&mut Self) -> anyhow::Result<()>) -> anyhow::Result<u64> {
+        let bytes = |device: &GpuDevice| device.read_back_bytes().get("receivers").copied().unwrap_or(0);
+        let before = bytes(&self.device);
+        begin(self)?;
+        self.wait()?;
+        Ok(bytes(&self.device) - before)
+    }
+
     /// How many frames later than its own a gather's sums come, on average, at `period` a frame, one under way at a time.
     fn late_frames(&mut self, frames: u32, period: Duration) -> anyhow::Result<f64> {
         let (mut asked, mut late, mut gathers) = (None, 0, 0u32);
         for frame in 0..frames {
             let start = Instant::now();
-            if let Some(of) = asked.take_if(|_| self.gpu.take() != Gathering::UnderWay) {
+            if let Some(of) = asked.take_if(|_| self.gpu.take() != Asked::UnderWay) {
                 late += frame - of;
             }
             if asked.is_none() {
@@ -127,7 +152,24 @@ impl GatherWork {
         let gaps = found.iter().zip(&expected).map(|(a, b)| (all(a) - all(b)).abs().max_element());
         let gather_error_rel = f64::from(gaps.fold(0.0, f32::max) / brightest);
         let gather_late_frames = self.late_frames(rate.news_frames, rate.period())?;
-        Ok(GatherFigures { gather_ms, cpu_gather_ms, gather_error_rel, gather_late_frames })
+        let gather_changed_bytes = self.bytes_of(Self::begin)?;
+        let gather_swapped_bytes = self.bytes_of(|own| {
+            let spread = (PATCHES / BLOCK) as usize;
+            own.columns.iter_mut().step_by(spread).for_each(|column| *column = (*column + 1) % PATCHES);
+            own.begin_again()
+        })?;
+        let gather_settled_bytes = self.bytes_of(Self::begin_again)?;
+        let gather_whole_bytes = size_of::<ReceiverSums>() * found.len();
+        Ok(GatherFigures {
+            gather_ms,
+            cpu_gather_ms,
+            gather_error_rel,
+            gather_late_frames,
+            gather_whole_bytes,
+            gather_changed_bytes,
+            gather_swapped_bytes,
+            gather_settled_bytes,
+        })
     }
 }
 

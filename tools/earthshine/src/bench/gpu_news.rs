@@ -35,6 +35,8 @@ pub(super) struct NewsFigures {
     news_entries: f64,
     /// Bytes of a frame that are copied to the host for it.
     news_bytes: f64,
+    /// Bytes of a frame where nothing changed.
+    news_settled_bytes: f64,
     /// Bytes of a frame where all light is copied.
     whole_bytes: f64,
     /// How many frames later than its own a frame's light comes.
@@ -75,6 +77,7 @@ pub(super) fn measure(
     frame_waits.retain(|_, count| *count > 0);
     backend.read_irradiance(slots, &mut all)?;
     let after = device.news_totals();
+    let news_settled_bytes = settled_bytes(device, backend, arguments.news_frames)?;
     let whole_host_ms = host_ms(arguments, frames..2 * frames, slots, backend, |backend| {
         backend.read_irradiance(slots, &mut all)
     })?;
@@ -82,6 +85,7 @@ pub(super) fn measure(
     Ok(NewsFigures {
         news_entries: (after.entries - before.entries) as f64 / frames,
         news_bytes: (after.bytes - before.bytes) as f64 / frames,
+        news_settled_bytes,
         whole_bytes: (3 * size_of::<f32>() * backend.capacity().next_multiple_of(64) as usize) as f64,
         news_late_frames: (after.late_frames - before.late_frames) as f64 / frames,
         news_waits: after.waits - before.waits,
@@ -89,6 +93,17 @@ pub(super) fn measure(
         news_host_ms,
         whole_host_ms,
     })
+}
+
+/// Mean bytes of `frames` steps whose light is that of the step before.
+fn settled_bytes(device: &GpuDevice, backend: &mut GpuBackend, frames: u32) -> anyhow::Result<f64> {
+    let news = |device: &GpuDevice| device.read_back_bytes().get("news").copied().unwrap_or_default();
+    let before = news(device);
+    for _ in 0..frames {
+        backend.step()?;
+        backend.take_news(&mut Vec::new())?;
+    }
+    Ok((news(device) - before) as f64 / f64::from(frames))
 }
 
 /// Mean time of a step and of `take`, ms.
