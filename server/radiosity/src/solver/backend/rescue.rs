@@ -50,7 +50,7 @@ impl SolverBackend {
     }
 
     /// What was read last, or for those who have not been seen yet, what the others send.
-    fn light_to_go_on_from(&self) -> Vec<Light> {
+    pub(super) fn light_to_go_on_from(&self) -> Vec<Light> {
         let (residents, known) = (&self.residents, &self.read_last);
         let seen = |slot: usize| known[slot].unwrap_or_default();
         let light = |slot: usize| {
