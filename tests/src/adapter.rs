@@ -18,16 +18,16 @@ pub fn any() -> AdapterChoice {
 /// If there is none and [`REQUIRED`] is set.
 #[must_use]
 pub fn device_or_skip() -> Option<GpuDevice> {
-    device_within(u64::MAX)
+    device_splitting(u64::MAX)
 }
 
-/// As [`device_or_skip`], binding no more than `binding_bytes_max` bytes at once.
+/// As [`device_or_skip`], splitting planes above `part_bytes_max` bytes.
 ///
 /// # Panics
 /// As [`device_or_skip`].
 #[must_use]
-pub fn device_within(binding_bytes_max: u64) -> Option<GpuDevice> {
-    match GpuDevice::open_within(&any(), binding_bytes_max) {
+pub fn device_splitting(part_bytes_max: u64) -> Option<GpuDevice> {
+    match GpuDevice::open_splitting(&any(), part_bytes_max) {
         Ok(device) => Some(device),
         Err(error) => {
             assert!(std::env::var_os(REQUIRED).is_none(), "{REQUIRED} is set, but: {error}");

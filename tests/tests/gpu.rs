@@ -14,7 +14,7 @@ use earthshine_radiosity::tables::edge_rows::edge_rows;
 use earthshine_radiosity::tables::{AliasTable, BuildRoom, RowTable};
 use earthshine_radiosity::{BackendError, CpuBackend, Slot, Update};
 use earthshine_server::BackendKind;
-use earthshine_tests::adapter::{device_or_skip, device_within};
+use earthshine_tests::adapter::{device_or_skip, device_splitting};
 use earthshine_tests::agreement::{assert_is, served_patches};
 use earthshine_tests::backend_suite::{backend_conformance, backend_conformance_at};
 use earthshine_tests::baked::{BakedWorld, coarse, imported, own_lights};
@@ -47,11 +47,11 @@ fn the_gpu_backend_conforms_at_a_larger_size() {
     }
 }
 
-/// Goal: planes above the largest binding are split, and nobody notices. Method: a limit of two tiles, so that 65 slots
+/// Goal: planes above a binding are split, and nobody notices. Method: parts of two tiles at most, so that 65 slots
 /// take two parts.
 #[test]
 fn the_gpu_backend_conforms_with_split_planes() {
-    if let Some(device) = device_within(2 << 14) {
+    if let Some(device) = device_splitting(2 << 14) {
         conforms(&device);
     }
 }

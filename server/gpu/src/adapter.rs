@@ -118,7 +118,7 @@ pub(crate) fn choose(instance: &Instance, choice: &AdapterChoice) -> Result<Adap
     if info.device_type == DeviceType::Cpu && !choice.allow_software && choice.name.is_empty() {
         return Err(GpuError::Software { name: info.name });
     }
-    match lacks(&adapter) {
+    match lacks_of(&adapter) {
         Some(cause) => Err(GpuError::Incapable { name: info.name, cause }),
         None => Ok(adapter),
     }
@@ -148,22 +148,32 @@ pub(crate) fn required_limits(of: &Limits) -> Limits {
 /// Most that the threads of a workgroup share: two blocks of 64 x 32 numbers.
 const WORKGROUP_BYTES: u32 = 16 << 10;
 
-fn lacks(adapter: &Adapter) -> Option<String> {
-    let capabilities = adapter.get_downlevel_capabilities();
-    if !capabilities.flags.contains(DownlevelFlags::COMPUTE_SHADERS) {
+fn lacks_of(adapter: &Adapter) -> Option<String> {
+    lacks(adapter.get_downlevel_capabilities().flags, &adapter.limits())
+}
+
+/// What a driver with these flags and limits is short of.
+fn lacks(flags: DownlevelFlags, limits: &Limits) -> Option<String> {
+    if !flags.contains(DownlevelFlags::COMPUTE_SHADERS) {
         return Some("it has no compute shaders".to_owned());
     }
-    let limits = adapter.limits();
     let mut cause = None;
-    required_limits(&limits).check_limits_with_fail_fn(&limits, true, |name, wanted, allowed| {
+    required_limits(limits).check_limits_with_fail_fn(limits, true, |name, wanted, allowed| {
         cause = Some(format!("{name} is {allowed}, {wanted} is needed"));
     });
-    cause
+    let binding = binding_bytes(limits);
+    let is_short = cause.is_none() && memory::slots_max(binding) == 0;
+    cause.or_else(|| is_short.then(|| format!("a binding holds {binding} bytes, too few for any patch")))
+}
+
+/// Largest buffer that a kernel can be given, bytes.
+fn binding_bytes(limits: &Limits) -> u64 {
+    limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
 }
 
 fn report(adapter: &Adapter) -> AdapterReport {
     let (info, limits, features) = (adapter.get_info(), adapter.limits(), adapter.features());
-    let binding = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+    let binding = binding_bytes(&limits);
     AdapterReport {
         driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
         api: info.backend.to_string(),
@@ -184,7 +194,7 @@ fn report(adapter: &Adapter) -> AdapterReport {
         has_timestamps: features.contains(Features::TIMESTAMP_QUERY),
         slots_unsplit_max: memory::slots_unsplit_max(binding),
         slots_max: memory::slots_max(binding),
-        unusable: lacks(adapter),
+        unusable: lacks_of(adapter),
         name: info.name,
     }
 }
@@ -194,6 +204,38 @@ mod tests {
     use super::*;
     use crate::GpuDevice;
     use std::io::Write as _;
+
+    /// Goal: a driver that cannot run the kernels is refused, and what it lacks is named. Method: what is needed, then
+    /// without compute shaders, and each limit that a kernel is up against lowered by one.
+    #[test]
+    fn drivers_that_lack_anything_are_refused_by_its_name() {
+        let all = DownlevelFlags::all();
+        let enough = required_limits(&Limits::default());
+        assert_eq!(lacks(all, &enough), None);
+        let without = lacks(all - DownlevelFlags::COMPUTE_SHADERS, &enough).expect("no compute");
+        assert!(without.contains("compute shaders"), "{without}");
+        let lowered: [(&str, fn(&mut Limits)); 9] = [
+            ("max_compute_workgroup_storage_size", |of| of.max_compute_workgroup_storage_size -= 1),
+            ("max_compute_invocations_per_workgroup", |of| of.max_compute_invocations_per_workgroup -= 1),
+            ("max_compute_workgroup_size_x", |of| of.max_compute_workgroup_size_x -= 1),
+            ("max_compute_workgroups_per_dimension", |of| of.max_compute_workgroups_per_dimension -= 1),
+            ("max_storage_buffers_per_shader_stage", |of| of.max_storage_buffers_per_shader_stage -= 1),
+            ("max_bindings_per_bind_group", |of| of.max_bindings_per_bind_group -= 1),
+            ("max_uniform_buffer_binding_size", |of| of.max_uniform_buffer_binding_size -= 1),
+            ("max_dynamic_uniform_buffers_per_pipeline_layout", |of| {
+                of.max_dynamic_uniform_buffers_per_pipeline_layout -= 1;
+            }),
+            ("a binding holds 1024 bytes", |of| of.max_storage_buffer_binding_size = 1024),
+        ];
+        for (name, lower) in lowered {
+            let mut limits = enough.clone();
+            lower(&mut limits);
+            let cause = lacks(all, &limits).unwrap_or_else(|| panic!("{name} is needed"));
+            assert!(cause.contains(name), "{cause} for {name}");
+            let refusal = GpuError::Incapable { name: "it".to_owned(), cause }.to_string();
+            assert!(refusal.contains(name) && refusal.contains("cpu"), "{refusal}");
+        }
+    }
 
     /// Goal: what computes on the CPU is used only by who asks for it, by name or by leave; a name that nobody has is said
     /// with those there are. Method: whatever adapters there are.
@@ -207,6 +249,7 @@ mod tests {
         let refused = GpuDevice::open(&wanted).map(drop);
         let Some(software) = list().into_iter().find(|adapter| adapter.is_software) else {
             assert!(matches!(refused, Err(GpuError::NoAdapter | GpuError::NotFound { .. })), "{refused:?}");
+            assert!(!list().is_empty() || std::env::var_os("EARTHSHINE_TEST_GPU_REQUIRED").is_none());
             writeln!(std::io::stderr(), "SKIPPED a test of software adapters: there is none")
                 .expect("standard error");
             return;

@@ -52,7 +52,7 @@ impl GpuBackend {
     /// [`BackendError::OutOfMemory`] for more than the device holds or a matrix may have, or for no slots;
     /// [`BackendError::DeviceLost`].
     pub fn new(device: &GpuDevice, capacity: u32) -> Result<Self, BackendError> {
-        let bytes = crate::memory::device_bytes(capacity);
+        let bytes = crate::memory::device_bytes_within(capacity, device.part_bytes_max());
         let too_large = BackendError::OutOfMemory { slots: capacity, bytes };
         let most = crate::memory::slots_max(device.binding_bytes_max()).min(LocalMatrix::CAPACITY_MAX);
         if capacity == 0 || capacity > most {

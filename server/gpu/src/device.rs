@@ -11,8 +11,8 @@ use earthshine_shaders::subgroups::NUMBER_LANES;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use wgpu::{
-    Buffer, BufferDescriptor, BufferUsages, Device, DeviceDescriptor, ErrorFilter, ExperimentalFeatures,
-    Features, MemoryHints, PollType, Queue, SubmissionIndex, Trace,
+    Buffer, BufferDescriptor, BufferUsages, Device, DeviceDescriptor, DeviceType, ErrorFilter,
+    ExperimentalFeatures, Features, MemoryHints, PollType, Queue, SubmissionIndex, Trace,
 };
 
 /// What the driver said when the device was lost; shared with its callbacks.
@@ -38,11 +38,12 @@ pub struct GpuDevice {
 #[derive(Debug)]
 struct Inner {
     name: String,
+    is_software: bool,
     device: Device,
     queue: Queue,
     pipelines: BTreeMap<&'static str, Pipeline>,
     loss: Arc<Loss>,
-    binding_bytes_max: u64,
+    bounds: Bounds,
     has_timestamps: bool,
     subgroup_lanes: Option<u32>,
     pass_totals: Mutex<BTreeMap<&'static str, PassTotal>>,
@@ -55,10 +56,27 @@ struct Inner {
     row_bytes: Mutex<u64>,
     /// Work that was said to be left to the CPU.
     said: Mutex<BTreeSet<&'static str>>,
+    /// Sizes of all buffers so far, and what they are for.
+    #[cfg(test)]
+    made: Mutex<Vec<(u64, BufferUsages)>>,
 }
 
 /// Of every buffer: no struct of the shaders is larger.
 const BUFFER_BYTES_MIN: u64 = 64;
+
+/// Bytes that a buffer takes which is to hold `bytes`.
+pub(crate) fn buffer_bytes(bytes: u64) -> u64 {
+    bytes.max(BUFFER_BYTES_MIN).next_multiple_of(16)
+}
+
+/// How large buffers may be.
+#[derive(Debug, Clone, Copy)]
+struct Bounds {
+    /// Of what a kernel is given.
+    binding_bytes_max: u64,
+    /// Of a part of a plane, no more than that.
+    part_bytes_max: u64,
+}
 
 impl GpuDevice {
     /// Opens the adapter that `choice` means and compiles all kernels for it: some 10 to 1,000 ms, once.
@@ -69,12 +87,24 @@ impl GpuDevice {
         Self::open_within(choice, u64::MAX)
     }
 
-    /// As [`Self::open`], and never binds more than `binding_bytes_max` bytes at once: planes are split above it.
+    /// As [`Self::open`], and never binds more than `binding_bytes_max` bytes at once: planes are split above it, and what
+    /// cannot be split is refused.
     ///
     /// # Errors
     /// [`GpuError`].
     pub fn open_within(choice: &AdapterChoice, binding_bytes_max: u64) -> Result<Self, GpuError> {
-        Ok(Self::open_storing(choice, binding_bytes_max, None)?.0)
+        let bounds = Bounds { binding_bytes_max, part_bytes_max: binding_bytes_max };
+        Ok(Self::open_storing(choice, bounds, None)?.0)
+    }
+
+    /// As [`Self::open`], and splits planes above `part_bytes_max` bytes, where a whole binding would do: for tests of split
+    /// planes at sizes that a test can afford.
+    ///
+    /// # Errors
+    /// [`GpuError`].
+    pub fn open_splitting(choice: &AdapterChoice, part_bytes_max: u64) -> Result<Self, GpuError> {
+        let bounds = Bounds { binding_bytes_max: u64::MAX, part_bytes_max };
+        Ok(Self::open_storing(choice, bounds, None)?.0)
     }
 
     /// As [`Self::open`], given the kernels that an earlier open compiled, whole as it gave them, or no bytes. Those of
@@ -83,24 +113,28 @@ impl GpuDevice {
     /// # Errors
     /// [`GpuError`].
     pub fn open_cached(choice: &AdapterChoice, stored: &[u8]) -> Result<(Self, CachedPipelines), GpuError> {
-        Self::open_storing(choice, u64::MAX, Some(stored))
+        let bounds = Bounds { binding_bytes_max: u64::MAX, part_bytes_max: u64::MAX };
+        Self::open_storing(choice, bounds, Some(stored))
     }
 
     fn open_storing(
         choice: &AdapterChoice,
-        binding_bytes_max: u64,
+        bounds: Bounds,
         stored: Option<&[u8]>,
     ) -> Result<(Self, CachedPipelines), GpuError> {
         let adapter = choose(&instance(), choice)?;
         let info = adapter.get_info();
         let lanes = subgroups::lanes_of(&info, adapter.features()).filter(|_| !choice.without_subgroups);
-        let name = info.name;
+        let (name, is_software) = (info.name, info.device_type == DeviceType::Cpu);
         let has_timestamps = adapter.features().contains(Features::TIMESTAMP_QUERY);
         let caching = if stored.is_some() { Features::PIPELINE_CACHE } else { Features::empty() };
         let with_lanes = if lanes.is_some() { Features::SUBGROUP } else { Features::empty() };
         let wanted = Features::TIMESTAMP_QUERY | caching | with_lanes;
         let required_limits = required_limits(&adapter.limits());
         let limit = required_limits.max_storage_buffer_binding_size.min(required_limits.max_buffer_size);
+        let binding_bytes_max = bounds.binding_bytes_max.min(limit);
+        let bounds =
+            Bounds { binding_bytes_max, part_bytes_max: bounds.part_bytes_max.min(binding_bytes_max) };
         let descriptor = DeviceDescriptor {
             label: Some("earthshine"),
             required_features: wanted & adapter.features(),
@@ -121,11 +155,12 @@ impl GpuDevice {
         let with = |pipelines, subgroup_lanes| {
             let inner = Inner {
                 name: name.clone(),
+                is_software,
                 device: device.clone(),
                 queue: queue.clone(),
                 pipelines,
                 loss: Arc::clone(&loss),
-                binding_bytes_max: limit.min(binding_bytes_max),
+                bounds,
                 has_timestamps,
                 subgroup_lanes,
                 pass_totals: Mutex::default(),
@@ -134,6 +169,8 @@ impl GpuDevice {
                 read_back: Mutex::default(),
                 row_bytes: Mutex::default(),
                 said: Mutex::default(),
+                #[cfg(test)]
+                made: Mutex::default(),
             };
             Self { inner: Arc::new(inner) }
         };
@@ -167,10 +204,27 @@ impl GpuDevice {
         &self.inner.name
     }
 
+    /// Whether it computes on the CPU: of use for tests of kernels, not for figures of speed.
+    #[must_use]
+    pub fn is_software(&self) -> bool {
+        self.inner.is_software
+    }
+
     /// Largest buffer that a kernel is given, bytes.
     #[must_use]
     pub fn binding_bytes_max(&self) -> u64 {
-        self.inner.binding_bytes_max
+        self.inner.bounds.binding_bytes_max
+    }
+
+    /// Largest part of a plane, bytes: larger planes are split.
+    pub(crate) fn part_bytes_max(&self) -> u64 {
+        self.inner.bounds.part_bytes_max
+    }
+
+    /// Sizes of the buffers that were made since the last call, and what they are for.
+    #[cfg(test)]
+    pub(crate) fn take_made(&self) -> Vec<(u64, BufferUsages)> {
+        std::mem::take(&mut self.inner.made.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// Whether the device is gone: whatever is on it is lost, and a new one has to be opened.
@@ -275,7 +329,8 @@ impl GpuDevice {
     /// A zeroed buffer of `bytes` bytes, at least as many as the largest struct in a list takes: an empty list is bound too.
     ///
     /// # Errors
-    /// [`BackendError::OutOfMemory`], [`BackendError::DeviceLost`].
+    /// [`BackendError::OutOfMemory`], also for one that kernels are to be given and that is above
+    /// [`Self::binding_bytes_max`]; [`BackendError::DeviceLost`].
     pub(crate) fn buffer(
         &self,
         label: &str,
@@ -283,10 +338,16 @@ impl GpuDevice {
         usage: BufferUsages,
     ) -> Result<Buffer, BackendError> {
         self.check()?;
+        let size = buffer_bytes(bytes);
+        // A binding above the device's largest would be found when a kernel is given it, and be taken for a lost device.
+        if usage.contains(BufferUsages::STORAGE) && size > self.binding_bytes_max() {
+            return Err(BackendError::OutOfMemory { slots: 0, bytes: size });
+        }
         let device = &self.inner.device;
         let memory = device.push_error_scope(ErrorFilter::OutOfMemory);
         let validity = device.push_error_scope(ErrorFilter::Validation);
-        let size = bytes.max(BUFFER_BYTES_MIN).next_multiple_of(16);
+        #[cfg(test)]
+        self.inner.made.lock().unwrap_or_else(PoisonError::into_inner).push((size, usage));
         let buffer = device.create_buffer(&BufferDescriptor {
             label: Some(label),
             size,

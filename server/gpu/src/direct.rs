@@ -17,7 +17,7 @@ pub use crate::lit_patches::GpuLight;
 use crate::lit_patches::{Coming, Guess};
 use crate::rays::{STORAGE, TreesError, check_depth, placement_words, triangle_words, uploaded};
 use crate::recorder::{Recorder, folded, uniform_buffer};
-use crate::timing::{PassTime, Timing};
+use crate::timing::{PassTime, Sampling, Timing};
 use earthshine_light::tree_layout::{NodeWords, Placement};
 use earthshine_light::{DirectLight, LightUnderWay, OccluderSet, Occluders, PatchPoints};
 use earthshine_radiosity::BackendError;
@@ -61,6 +61,7 @@ pub struct GpuDirect {
     changes: Option<u64>,
     uniforms: Buffer,
     timing: Option<Timing>,
+    sampling: Sampling,
     guess: Guess,
 }
 
@@ -79,6 +80,7 @@ impl GpuDirect {
             changes: None,
             uniforms: uniform_buffer(device)?,
             timing: None,
+            sampling: Sampling::default(),
             device: device.clone(),
             guess: Guess::default(),
         })
@@ -118,6 +120,7 @@ impl GpuDirect {
             light.push_dark(patches.len());
             return Ok(light);
         }
+        self.sampling.begin(&self.device, &mut self.timing)?;
         let mut first = 0;
         while first < patches.len() {
             let mut rays = 0;
@@ -129,6 +132,7 @@ impl GpuDirect {
             self.dispatch(lights, &patches[first..first + count], &mut light)?;
             first += count;
         }
+        self.sampling.end(&self.device, &mut self.timing)?;
         Ok(light)
     }
 

@@ -39,6 +39,8 @@ pub mod ends;
 mod flight;
 mod lit_patches;
 #[cfg(test)]
+mod life_tests;
+#[cfg(test)]
 mod lookup_tests;
 mod matrix;
 pub mod memory;

@@ -1,39 +1,42 @@
 //! A symmetric matrix on the device: the lower triangle in tiles of 64 x 64, stripe after stripe, in as many parts as the
 //! largest binding asks for. A part holds whole stripes.
 
-use crate::device::GpuDevice;
-use earthshine_radiosity::BackendError;
 use earthshine_shaders::limits::TILE_EDGE;
 use std::ops::Range;
-use wgpu::{Buffer, BufferUsages};
+use wgpu::Buffer;
 
 /// Where a stripe begins, in numbers; for the number of stripes, how many numbers a plane has.
 pub(crate) fn stripe_at(stripe: u64) -> u64 {
     stripe * (stripe + 1) / 2 * u64::from(TILE_EDGE * TILE_EDGE)
 }
 
-/// Some stripes of a plane.
+/// Some stripes of a plane, in a buffer or in what stands for one.
 #[derive(Debug)]
-pub(crate) struct PlanePart {
+pub(crate) struct PlanePart<B = Buffer> {
     pub(crate) stripes: Range<u32>,
-    pub(crate) buffer: Buffer,
+    pub(crate) buffer: B,
 }
 
 /// All stripes of a plane, zero at first.
 #[derive(Debug)]
-pub(crate) struct Plane {
-    pub(crate) parts: Vec<PlanePart>,
+pub(crate) struct Plane<B = Buffer> {
+    pub(crate) parts: Vec<PlanePart<B>>,
 }
 
-impl Plane {
+impl<B> Plane<B> {
+    /// In parts of at most `part_bytes_max` bytes, each of as many numbers as `make` is told.
+    ///
     /// # Errors
-    /// [`BackendError::OutOfMemory`], [`BackendError::DeviceLost`].
-    pub(crate) fn new(device: &GpuDevice, label: &str, stripes: u32) -> Result<Self, BackendError> {
+    /// Those of `make`.
+    pub(crate) fn lay_out<E>(
+        stripes: u32,
+        part_bytes_max: u64,
+        mut make: impl FnMut(u64) -> Result<B, E>,
+    ) -> Result<Self, E> {
         let mut parts = Vec::new();
-        for stripes in split(stripes, device.binding_bytes_max()) {
+        for stripes in split(stripes, part_bytes_max) {
             let numbers = stripe_at(u64::from(stripes.end)) - stripe_at(u64::from(stripes.start));
-            let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC;
-            parts.push(PlanePart { stripes, buffer: device.buffer(label, 4 * numbers, usage)? });
+            parts.push(PlanePart { stripes, buffer: make(numbers)? });
         }
         Ok(Self { parts })
     }

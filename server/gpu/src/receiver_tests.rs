@@ -1,9 +1,7 @@
 //! Receivers on a device against their twin on the CPU, on whatever adapter there is.
 
-use crate::AdapterChoice;
-use crate::device::GpuDevice;
 use crate::receivers::{GpuReceivers, ReceiversError};
-use crate::twins::device_or_skip;
+use crate::twins::{device_or_skip, device_within};
 use earthshine_radiosity::receivers::{
     ColumnSpan, NO_SOURCE, ReceiverGather, ReceiverLight, ReceiverRow, ReceiverSums, RowsOf, gather_receivers,
 };
@@ -313,8 +311,7 @@ fn gatherers_share_the_room_of_a_device() {
 /// Goal: a table or sources above a binding are refused, not cut.
 #[test]
 fn tables_above_a_binding_are_refused() {
-    let any = AdapterChoice { allow_software: true, ..AdapterChoice::default() };
-    let Ok(device) = GpuDevice::open_within(&any, 4 << 10) else { return };
+    let Some(device) = device_within(4 << 10) else { return };
     let mut gpu = GpuReceivers::new(&device).expect("a small buffer");
     let chunks: Vec<Arc<Chunk>> = (0..2).map(|number| chunk(number, &[4; 4])).collect();
     check(&mut gpu, &Question::new(&chunks[..1], Residency::All));

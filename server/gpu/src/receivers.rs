@@ -114,10 +114,11 @@ impl GpuReceivers {
     /// # Errors
     /// [`ReceiversError`].
     pub fn with_room(device: &GpuDevice, column_bytes_max: u64) -> Result<Self, ReceiversError> {
+        let rows_min = ROWS_MIN.min(device.binding_bytes_max() / size_of::<ReceiverSpan>() as u64);
         Ok(Self {
             column_bytes_max,
             residents: BTreeMap::new(),
-            rows: Arena::new(device, "receivers", size_of::<ReceiverSpan>(), ROWS_MIN)?,
+            rows: Arena::new(device, "receivers", size_of::<ReceiverSpan>(), rows_min)?,
             columns: Arena::new(device, "receiver columns", size_of::<ReceiverColumn>(), 0)?,
             column_room: RowRoom::new(device),
             asked: Mirror::new(device, "asked receivers")?,

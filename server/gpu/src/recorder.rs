@@ -17,9 +17,14 @@ const PIECE_BYTES: u64 = 256;
 /// Most dispatches of a submission.
 const DISPATCHES_MAX: u64 = 256;
 
+/// Bytes of the uniforms of a submission.
+pub(crate) const UNIFORM_BYTES: u64 = PIECE_BYTES * DISPATCHES_MAX;
+/// What their buffer is for.
+pub(crate) const UNIFORM: BufferUsages = BufferUsages::UNIFORM.union(BufferUsages::COPY_DST);
+
 /// Room for the uniforms of a submission.
 pub(crate) fn uniform_buffer(device: &GpuDevice) -> Result<Buffer, BackendError> {
-    device.buffer("passes", PIECE_BYTES * DISPATCHES_MAX, BufferUsages::UNIFORM | BufferUsages::COPY_DST)
+    device.buffer("passes", UNIFORM_BYTES, UNIFORM)
 }
 
 /// Commands on their way to one submission.

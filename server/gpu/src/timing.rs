@@ -5,7 +5,8 @@ use crate::readback::{Arrival, Staging, read_now};
 use crate::work::Work;
 use earthshine_radiosity::BackendError;
 use wgpu::{
-    Buffer, BufferUsages, CommandEncoder, ComputePassTimestampWrites, QuerySet, QuerySetDescriptor, QueryType,
+    Buffer, BufferUsages, CommandEncoder, ComputePassDescriptor, ComputePassTimestampWrites, QuerySet,
+    QuerySetDescriptor, QueryType,
 };
 
 /// One pass, as the device timed it.
@@ -131,6 +132,36 @@ impl Timing {
             beginning_of_pass_write_index: Some(at),
             end_of_pass_write_index: Some(at + 1),
         })
+    }
+
+    /// Records by `record` what is no pass, and times it as one called `name`: between two passes that do nothing, one that
+    /// ends before it and one that begins after it.
+    pub(crate) fn around(
+        &mut self,
+        encoder: &mut CommandEncoder,
+        name: &'static str,
+        work: Work,
+        record: impl FnOnce(&mut CommandEncoder),
+    ) {
+        let Some(ComputePassTimestampWrites {
+            query_set,
+            beginning_of_pass_write_index: first,
+            end_of_pass_write_index: last,
+        }) = self.next(name, Some(work))
+        else {
+            return record(encoder);
+        };
+        let mark = |encoder: &mut CommandEncoder, begin, end| {
+            let timestamp_writes = Some(ComputePassTimestampWrites {
+                query_set,
+                beginning_of_pass_write_index: begin,
+                end_of_pass_write_index: end,
+            });
+            drop(encoder.begin_compute_pass(&ComputePassDescriptor { label: Some(name), timestamp_writes }));
+        };
+        mark(encoder, None, first);
+        record(encoder);
+        mark(encoder, last, None);
     }
 
     /// The passes since the last call. Waits for the device.

@@ -234,3 +234,31 @@ fn a_lost_device_is_left_alone() {
     assert!(begin().is_none(), "lost");
     assert_eq!(direct.rays_min(), usize::MAX);
 }
+
+/// Goal: whoever watches the device sees what direct light takes. Method: light is asked for as the engine does, nobody times
+/// anything; the first frame is a sample, whose times come with a later one.
+#[test]
+fn passes_are_sampled_for_whoever_watches() {
+    let Some(device) = device_or_skip() else { return };
+    let scene = town();
+    let (points, lights) = (patches(&scene, 40), lights(0.0));
+    let mut set = OccluderSet::new();
+    set.insert(id(0), chunks(&scene, 1).remove(0));
+    let mut direct = GpuDirect::new(&device).expect("a device that works");
+    if !direct.time_passes().expect("a device that works") {
+        writeln!(std::io::stderr(), "SKIPPED a test of sampled passes: the adapter has no timestamps")
+            .expect("standard error");
+        return;
+    }
+    let mut direct = GpuDirect::new(&device).expect("a device that works");
+    let names = ["light_points", "sum_lamps", "sum_points"];
+    for _ in 0..60 {
+        lit(&mut direct, &set, &lights, &asked(&points));
+        if !device.pass_totals().is_empty() {
+            break;
+        }
+    }
+    let totals = device.pass_totals();
+    assert!(totals.keys().copied().eq(names), "{totals:?}");
+    assert!(names.iter().all(|name| totals[name].count == 1 && totals[name].seconds > 0.0), "{totals:?}");
+}

@@ -216,7 +216,7 @@ fn subgroups_are_used_unless_they_are_not_wanted() {
 /// where fewer are not wanted. Method: any adapter, bound to small buffers.
 #[test]
 fn limits_below_the_size_are_fewer_slots_or_a_refusal() {
-    let open = || GpuDevice::open_within(&any(), 1 << 16);
+    let open = || GpuDevice::open_within(&any(), 1 << 20);
     let Some(device) = device_or_skip(open()) else { return };
     let most = memory::slots_max(device.binding_bytes_max());
     assert!((1..4096).contains(&most), "{most}");

@@ -31,6 +31,8 @@ use earthshine_shaders::host::{Pass, Resident};
 use earthshine_shaders::limits::TILE_EDGE;
 use earthshine_world::Rgb;
 
+pub(crate) use buffers::sizes;
+
 /// `G`, `X` and room to change them.
 #[derive(Debug)]
 pub(crate) struct GpuMatrix {

@@ -17,7 +17,7 @@
 #[cfg(test)]
 pub(crate) mod tests;
 
-use crate::device::GpuDevice;
+use crate::device::{GpuDevice, buffer_bytes};
 use crate::flight::Flight;
 use crate::recorder::{Recorder, folded};
 use earthshine_radiosity::{BackendError, Slot};
@@ -34,8 +34,19 @@ pub const FLIGHTS_MAX: usize = 3;
 pub const COPIED_MIN: u32 = 64;
 
 /// Bytes on the device of the list of one step, for `slots` slots.
-pub(crate) fn list_bytes(slots: u32) -> u64 {
+fn list_bytes(slots: u32) -> u64 {
     Flight::<NewsEntry>::list_bytes(slots)
+}
+
+/// Bytes of the marks, of the codes told and of the counts of workgroups, for `slots` slots.
+fn table_bytes(slots: usize) -> [u64; 3] {
+    let marks = size_of::<NewsMarks>() * slots.div_ceil(32);
+    [marks, 4 * slots, 4 * slots.div_ceil(LANES as usize)].map(|bytes| bytes as u64)
+}
+
+/// Bytes of each buffer on the device, for `slots` slots.
+pub(crate) fn sizes(slots: u32) -> impl Iterator<Item = u64> {
+    table_bytes(slots as usize).into_iter().chain([list_bytes(slots); FLIGHTS_MAX]).map(buffer_bytes)
 }
 
 /// News of all backends of a device so far.
@@ -116,7 +127,7 @@ impl News {
     /// [`BackendError::OutOfMemory`], [`BackendError::DeviceLost`].
     pub(crate) fn new(device: &GpuDevice, slots: usize, words_bytes: u64) -> Result<Self, BackendError> {
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_DST;
-        let buffer = |label: &str, bytes: usize| device.buffer(label, bytes as u64, usage);
+        let [marks_bytes, told_bytes, counts_bytes] = table_bytes(slots);
         let words = slots.div_ceil(32);
         let idle = (0..FLIGHTS_MAX).map(|_| Flight::new(device, "news", slots as u32, words_bytes));
         Ok(Self {
@@ -125,9 +136,9 @@ impl News {
             step: 0,
             asked: 0,
             copied: COPIED_MIN,
-            marks_there: buffer("marks of news", size_of::<NewsMarks>() * words)?,
-            told: buffer("codes told", 4 * slots)?,
-            group_counts: buffer("counts of news", 4 * slots.div_ceil(LANES as usize))?,
+            marks_there: device.buffer("marks of news", marks_bytes, usage)?,
+            told: device.buffer("codes told", told_bytes, usage)?,
+            group_counts: device.buffer("counts of news", counts_bytes, usage)?,
             flights: VecDeque::with_capacity(FLIGHTS_MAX),
             idle: idle.collect::<Result<_, _>>()?,
             waiting: Waiting {

@@ -11,6 +11,16 @@ use wgpu::{Buffer, BufferUsages};
 
 const USAGE: BufferUsages = BufferUsages::STORAGE.union(BufferUsages::COPY_DST).union(BufferUsages::COPY_SRC);
 
+/// Bytes that a slot takes in all lists by slot: its row and tables, what it is, eleven lights, its draws of the outside, what is
+/// shot.
+pub(crate) const SLOT_BYTES: u64 = (size_of::<LiveRow>()
+    + size_of::<RowSpan>()
+    + size_of::<Resident>()
+    + 11 * size_of::<Light>()
+    + 4 * (4 + 2 * 8 + 3 + 8)) as u64;
+/// Bytes that a link takes: itself, and its outcome, bin and guide in a table.
+pub(crate) const LINK_BYTES: u64 = (size_of::<Link>() + 3 * 4) as u64;
+
 /// A buffer that grows.
 #[derive(Debug)]
 pub(super) struct Growing {

@@ -41,6 +41,7 @@ use crate::readback::{Later, read_now};
 use crate::recorder::Recorder;
 use crate::timing::{PassTime, Sampling, Timing};
 use buffers::Buffers;
+pub(crate) use buffers::{LINK_BYTES, SLOT_BYTES};
 use earthshine_radiosity::solver::cpu_light::GATHER_SETTLED;
 use earthshine_radiosity::solver::row_light::{Frame, RowLightFactory};
 use earthshine_radiosity::solver::shooting::SETTLE_FRAMES;

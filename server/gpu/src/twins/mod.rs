@@ -101,7 +101,12 @@ fn any() -> AdapterChoice {
 
 /// A device, or none with the reason printed; none is a failure where CI says so.
 pub(crate) fn device_or_skip() -> Option<GpuDevice> {
-    GpuDevice::open(&any())
+    device_within(u64::MAX)
+}
+
+/// As [`device_or_skip`], one that binds no more than so many bytes.
+pub(crate) fn device_within(binding_bytes_max: u64) -> Option<GpuDevice> {
+    GpuDevice::open_within(&any(), binding_bytes_max)
         .inspect_err(|error| {
             assert!(std::env::var_os("EARTHSHINE_TEST_GPU_REQUIRED").is_none(), "{error}");
             say(&format!("SKIPPED a test of kernels: {error}"));
