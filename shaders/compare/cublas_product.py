@@ -2,11 +2,11 @@
 """A plain product of dense f32 planes with vectors by PyTorch (cuBLAS), to hold `earthshine bench gpu` against.
 
     python3 shaders/compare/cublas_product.py --m 8192
-    earthshine bench gpu --m 8192 --json
+    earthshine bench gpu --product-m 8192 --json
 
 Prints one JSON object. Three planes of M x M times a vector each, as a frame's product; a device-to-device copy of a plane
 beside it, times from CUDA events, the quickest of some rounds. Our planes are lower triangles (half the bytes), so compare
-`product_ms` with three times the `multiply_tiles` pass of `bench gpu`, and each `gb_s` with the copy of its own run.
+`product_ms` with that of `bench gpu`, and each `gb_s` with the copy of its own run.
 """
 
 import argparse

@@ -3,6 +3,7 @@
 use crate::output::out;
 use clap::Args;
 use earthshine_gpu::adapter::{AdapterReport, list};
+use earthshine_gpu::receivers::COLUMN_BYTES_MAX;
 use earthshine_gpu::{AdapterChoice, CachedPipelines, Given, GpuDevice, memory};
 use serde::Serialize;
 use std::time::Instant;
@@ -25,8 +26,13 @@ const SLOTS: [u32; 5] = [1024, 2048, 4096, 8192, 16_384];
 #[derive(Serialize)]
 struct Listing {
     adapters: Vec<Adapter>,
-    /// What a matrix takes on any device.
+    /// What light of so many patches takes on any device.
     memory: Vec<Memory>,
+    /// Most that rows of receivers and of far light take on a device, whoever gathers.
+    receiver_bytes_max: u64,
+    /// Of the trees that direct light is traced through: room for twice what is resident.
+    tree_triangle_bytes: u64,
+    tree_node_bytes: u64,
 }
 
 #[derive(Serialize)]
@@ -115,8 +121,14 @@ fn opened(name: &str) -> Option<(f64, Option<Reopened>)> {
 struct Memory {
     slots: u32,
     plane_bytes: u64,
+    /// A matrix.
     device_bytes: u64,
+    /// Light over rows instead, [`LINKS`] links each.
+    row_bytes: u64,
 }
+
+/// Links of a row, about as many as baked worlds have.
+const LINKS: u64 = 300;
 
 /// Runs the subcommand. No adapter is no error: the list is empty.
 pub(crate) fn run(arguments: &GpuArguments) -> anyhow::Result<()> {
@@ -124,9 +136,15 @@ pub(crate) fn run(arguments: &GpuArguments) -> anyhow::Result<()> {
         slots,
         plane_bytes: memory::plane_bytes(slots),
         device_bytes: memory::device_bytes(slots),
+        row_bytes: memory::row_bytes(slots, LINKS * u64::from(slots)),
     });
-    let listing =
-        Listing { adapters: list().into_iter().map(Adapter::from).collect(), memory: memory.into() };
+    let listing = Listing {
+        adapters: list().into_iter().map(Adapter::from).collect(),
+        memory: memory.into(),
+        receiver_bytes_max: COLUMN_BYTES_MAX,
+        tree_triangle_bytes: memory::TREE_TRIANGLE_BYTES,
+        tree_node_bytes: memory::TREE_NODE_BYTES,
+    };
     if arguments.json {
         out!("{}", serde_json::to_string(&listing)?);
         return Ok(());
@@ -137,12 +155,25 @@ pub(crate) fn run(arguments: &GpuArguments) -> anyhow::Result<()> {
     for adapter in &listing.adapters {
         print_adapter(adapter);
     }
-    out!("{:>8}  {:>14}  {:>14}", "patches", "MiB a plane", "MiB in all");
-    for of in &listing.memory {
-        let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
-        out!("{:>8}  {:>14.1}  {:>14.1}", of.slots, mib(of.plane_bytes), mib(of.device_bytes));
-    }
+    print_memory(&listing);
     Ok(())
+}
+
+fn print_memory(listing: &Listing) {
+    let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
+    out!("{:>8}  {:>14}  {:>14}  {:>14}", "patches", "MiB a plane", "MiB a matrix", "MiB over rows");
+    for of in &listing.memory {
+        let (plane, matrix, rows) = (mib(of.plane_bytes), mib(of.device_bytes), mib(of.row_bytes));
+        out!("{:>8}  {plane:>14.1}  {matrix:>14.1}  {rows:>14.1}", of.slots);
+    }
+    out!(
+        "rows are of {LINKS} links; what links take may be four times as much, as lists double when they grow"
+    );
+    out!("receivers and far light: at most {:.0} MiB in all", mib(listing.receiver_bytes_max));
+    let (triangle, node) = (listing.tree_triangle_bytes, listing.tree_node_bytes);
+    out!(
+        "direct light: {triangle} bytes a triangle and {node} a node of the trees resident, room for twice that"
+    );
 }
 
 fn print_adapter(adapter: &Adapter) {

@@ -26,6 +26,11 @@ impl Adapter {
         eprintln!("tracing rays on {}", device.name());
         Ok(Self(device))
     }
+
+    /// As the driver names it.
+    pub(crate) fn name(&self) -> &str {
+        self.0.name()
+    }
 }
 
 impl RayDevice for Adapter {

@@ -1,25 +1,22 @@
 //! `bench gpu`: what kernels cost on a graphics adapter, beside a copy in its memory and light by the CPU backend.
 //!
-//! Needs no files: a closed room of `--m` patches, each seeing five sixths of the others, the worst case for updates. Times
-//! are of the device where it has timestamps (`passes`), of the clock with the wait for the device otherwise; the
-//! quickest of some rounds counts.
+//! Needs no files. Times are of the device where it has timestamps, the copy's too; of the clock with the wait for the device
+//! otherwise, and of blocks and frames everywhere. The quickest of some rounds counts. Without options it measures what is
+//! asked of hardware: blocks at 4,096 patches, the product and frames at 8,192, a step of 10,422, 4,096 alias tables.
 
 use super::Report;
 use super::gpu_frame::{DirectFigures, FrameArguments, FrameWork};
 use super::gpu_gather::{GatherArguments, GatherFigures, GatherWork};
+use super::gpu_matrix::{MatrixArguments, MatrixBench, copy_rate};
 use super::gpu_news::{self, NewsArguments, NewsFigures};
 use super::gpu_rays::{self, RayArguments};
 use super::gpu_step::{self, StepArguments};
 use anyhow::Context as _;
 use clap::Args;
 use earthshine_gpu::alias::AliasBuilder;
-use earthshine_gpu::copy_bench::CopyBench;
 use earthshine_gpu::work::unknown;
-use earthshine_gpu::{AdapterChoice, GpuBackend, GpuDevice, PassTime, memory};
-use earthshine_radiosity::bench::Streamed;
-use earthshine_radiosity::closed_box::ClosedBox;
-use earthshine_radiosity::{Backend, CpuBackend, Slot, Update};
-use earthshine_world::Rgb;
+use earthshine_gpu::{AdapterChoice, GpuDevice, PassTime, memory};
+use earthshine_radiosity::{Backend as _, CpuBackend};
 use earthshine_world::random::{Purpose, hash, unit_f32};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -34,9 +31,8 @@ pub(crate) struct GpuBenchArguments {
     /// Measures kernels that do without subgroups.
     #[arg(long)]
     without_subgroups: bool,
-    /// Patches of the matrix, at least a block.
-    #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(BLOCK as i64..))]
-    m: u32,
+    #[command(flatten)]
+    matrix: MatrixArguments,
     /// Rows whose alias tables are built.
     #[arg(long, default_value_t = 4096, value_parser = clap::value_parser!(u32).range(1..))]
     rows: u32,
@@ -61,24 +57,30 @@ pub(crate) struct GpuBenchArguments {
     seed: u64,
 }
 
-/// Patches that leave and enter together.
-const BLOCK: usize = 32;
-
 #[derive(Serialize)]
 struct Figures {
     adapter: String,
-    m: u32,
+    /// Patches of the matrix whose blocks are timed, and that the CPU follows.
+    block_m: u32,
+    /// Patches of the matrix whose product and frames are timed.
+    product_m: u32,
     rows: u32,
     items: u32,
     /// Opening the device and compiling every kernel.
     open_ms: f64,
     /// Largest difference of a patch's irradiance from the CPU backend's, as a share of the brightest.
     irradiance_error_rel: f64,
-    /// Per patch of a block that leaves and a block that enters, waits included.
+    /// Per patch of a block that enters or leaves, whichever takes longer, waits included.
     block_patch_us: f64,
-    /// The product of a frame: bytes of the planes read in a second.
+    add_patch_us: f64,
+    remove_patch_us: f64,
+    /// The product of a frame, three planes: all its passes over them, and that which adds up what they found.
+    product_ms: f64,
+    /// Bytes of the planes read in a second of it.
     product_gb_s: f64,
-    /// A copy in the device's memory: bytes read and written in a second.
+    /// How far the larger matrix is from inverse after all of this, by a probe.
+    product_drift_rel: f64,
+    /// A copy in the device's memory: bytes read and written in a second, by the same clock as the product.
     copy_gb_s: f64,
     product_share_of_copy: f64,
     /// Direct light of all lit patches and a gather of receivers handed over, a block out, a block in, tables rebuilt, new
@@ -144,47 +146,62 @@ pub(crate) fn run(arguments: &GpuBenchArguments, json: bool) -> anyhow::Result<(
     };
     let device = GpuDevice::open(&choice).context("no device to measure; `earthshine gpu` lists adapters")?;
     let open_ms = started.elapsed().as_secs_f64() * 1e3;
-    let mut bench = Bench::new(&device, arguments)?;
-    let irradiance_error_rel = bench.error_against_cpu()?;
-    let town = arguments.rays.town(arguments.seed)?;
-    let mut frame = FrameWork::new(&device, &arguments.frame, &town, arguments.items, arguments.seed)?;
-    let mut gather = GatherWork::new(&device, &arguments.gather, arguments.seed)?;
-    let direct_figures = frame.measure(arguments.rounds, &arguments.news)?;
-    let gather_figures = gather.measure(arguments.rounds, &arguments.news)?;
-    let (frame_ms, frame_passes) = bench.frames(arguments.rounds, &mut frame, &mut gather)?;
-    let block_patch_us = bench.quickest(arguments.rounds, Bench::swap)? * 1e3 / (2 * BLOCK) as f64;
-    let slots = bench.streamed.taken();
-    let news = gpu_news::measure(&device, &mut bench.backend, &slots, &arguments.news)?;
-    let product_wall_ms = bench.quickest(arguments.rounds, Bench::product)?;
-    let product = largest_quickest(&bench.passes).remove("multiply_tiles");
-    let product_ms = product.map_or(product_wall_ms, |pass| 3.0 * pass.ms);
-    let plane_bytes = memory::plane_bytes(arguments.m) as f64;
-    let product_gb_s = 3.0 * plane_bytes / 1e6 / product_ms.max(1e-6);
-    let copy_gb_s = copy_rate(&device, arguments)?;
+    let (rounds, seed) = (arguments.rounds, arguments.seed);
+    let [block_m, product_m] = arguments.matrix.sizes(&device);
+    let mut cpu = CpuBackend::new(block_m)?;
+    let mut matrix = MatrixBench::new(&device, block_m, seed, Some(&mut cpu))?;
+    let irradiance_error_rel = matrix.error_against(&mut cpu)?;
+    drop(cpu);
+    let blocks = matrix.blocks(rounds)?;
+    let block_passes = matrix.take_passes();
+    if product_m != block_m {
+        // The one is given up before the other is taken.
+        drop(matrix);
+        matrix = MatrixBench::new(&device, product_m, seed, None)?;
+    }
+    let town = arguments.rays.town(seed)?;
+    let mut frame = FrameWork::new(&device, &arguments.frame, &town, arguments.items, seed)?;
+    let mut gather = GatherWork::new(&device, &arguments.gather, seed)?;
+    let direct_figures = frame.measure(rounds, &arguments.news)?;
+    let gather_figures = gather.measure(rounds, &arguments.news)?;
+    let (frame_ms, frame_passes) = matrix.frames(rounds, &mut frame, &mut gather)?;
+    let slots = matrix.slots();
+    let news = gpu_news::measure(&device, matrix.backend(), &slots, &arguments.news)?;
+    let product_ms = matrix.product_ms(rounds)?;
+    let product_gb_s = 3.0 * memory::plane_bytes(product_m) as f64 / 1e6 / product_ms.max(1e-9);
+    let (copy_gb_s, copy_passes) = copy_rate(&device, product_m, rounds)?;
+    let product_drift_rel = f64::from(matrix.backend().drift(seed));
+    let product_passes = matrix.take_passes();
     let (alias_gitems_s, alias_passes) = alias_rate(&device, arguments)?;
-    let step = gpu_step::measure(&device, &arguments.step, arguments.rounds, arguments.seed)?;
-    let rays = gpu_rays::measure(&device, &arguments.rays, &town, arguments.rounds, arguments.seed)?;
-    let all = [bench.passes, step.passes, rays.passes, frame_passes, alias_passes].concat();
+    let step = gpu_step::measure(&device, &arguments.step, rounds, seed)?;
+    let rays = gpu_rays::measure(&device, &arguments.rays, &town, rounds, seed)?;
+    let of_matrix = [block_passes, product_passes, copy_passes].concat();
+    let all = [of_matrix, step.passes, rays.passes, frame_passes, alias_passes].concat();
     let passes = largest_quickest(&all).into_values().map(|run| Pass::new(&run, copy_gb_s)).collect();
     let figures = Figures {
         adapter: device.name().to_owned(),
-        m: arguments.m,
+        block_m,
+        product_m,
         rows: arguments.rows,
         items: arguments.items,
         open_ms,
         irradiance_error_rel,
-        block_patch_us,
+        block_patch_us: blocks.add_patch_us.max(blocks.remove_patch_us),
+        add_patch_us: blocks.add_patch_us,
+        remove_patch_us: blocks.remove_patch_us,
+        product_ms,
         product_gb_s,
+        product_drift_rel,
         copy_gb_s,
         product_share_of_copy: product_gb_s / copy_gb_s,
         frame_ms,
         direct: direct_figures,
         gather: gather_figures,
         alias_gitems_s,
-        has_timestamps: bench.has_timestamps,
+        has_timestamps: matrix.has_timestamps(),
         subgroup_lanes: device.subgroup_lanes(),
         passes,
-        vram_bytes: memory::device_bytes(arguments.m),
+        vram_bytes: memory::device_bytes(product_m),
         step_ms: step.step_ms,
         alias_step_ms: step.alias_step_ms,
         cdf_build_ms: step.cdf_build_ms,
@@ -195,7 +212,7 @@ pub(crate) fn run(arguments: &GpuBenchArguments, json: bool) -> anyhow::Result<(
         news,
     };
     let seconds = started.elapsed().as_secs_f64();
-    let mut report = Report::new("gpu", "closed room", "matrix", arguments.seed, seconds, figures);
+    let mut report = Report::new("gpu", "closed room", "matrix", seed, seconds, figures);
     report.backend = "gpu";
     report.print(json)
 }
@@ -211,147 +228,6 @@ fn largest_quickest(passes: &[PassTime]) -> BTreeMap<&'static str, PassTime> {
         }
     }
     best
-}
-
-/// A full matrix and what happens to it.
-struct Bench {
-    streamed: Streamed,
-    backend: GpuBackend,
-    cpu: CpuBackend,
-    has_timestamps: bool,
-    passes: Vec<PassTime>,
-    round: u32,
-}
-
-impl Bench {
-    fn new(device: &GpuDevice, arguments: &GpuBenchArguments) -> anyhow::Result<Self> {
-        let m = arguments.m as usize;
-        let room = ClosedBox::new(m + BLOCK, arguments.seed);
-        let mut streamed = Streamed::new(room, m, arguments.seed);
-        let (mut backend, mut cpu) = (GpuBackend::new(device, arguments.m)?, CpuBackend::new(arguments.m)?);
-        let updates = streamed.enter(m);
-        backend.apply(&updates)?;
-        cpu.apply(&updates)?;
-        let has_timestamps = backend.time_passes()?;
-        Ok(Self { streamed, backend, cpu, has_timestamps, passes: Vec::new(), round: 0 })
-    }
-
-    /// Light by both backends after a block was swapped on both.
-    fn error_against_cpu(&mut self) -> anyhow::Result<f64> {
-        for updates in [self.streamed.leave(BLOCK), self.streamed.enter(BLOCK)] {
-            self.backend.apply(&updates)?;
-            self.cpu.apply(&updates)?;
-        }
-        let slots = self.streamed.taken();
-        let light: Vec<Rgb> = slots.iter().map(|&slot| self.streamed.source(slot)).collect();
-        let both: [&mut dyn Backend; 2] = [&mut self.backend, &mut self.cpu];
-        let mut irradiance = [vec![Rgb::ZERO; slots.len()], vec![Rgb::ZERO; slots.len()]];
-        for (backend, out) in both.into_iter().zip(&mut irradiance) {
-            backend.set_sources(&slots, &light, &light)?;
-            backend.step()?;
-            backend.read_irradiance(&slots, out)?;
-        }
-        let brightest = irradiance[1].iter().map(|light| light.max_element()).fold(0.0, f32::max);
-        let gaps = irradiance[0].iter().zip(&irradiance[1]).map(|(a, b)| (*a - *b).abs().max_element());
-        Ok(f64::from(gaps.fold(0.0, f32::max) / brightest))
-    }
-
-    /// The quickest of `rounds` rounds, ms.
-    fn quickest(
-        &mut self,
-        rounds: u32,
-        mut run: impl FnMut(&mut Self) -> anyhow::Result<f64>,
-    ) -> anyhow::Result<f64> {
-        let mut best = f64::INFINITY;
-        for _ in 0..rounds.max(1) {
-            self.round += 1;
-            best = best.min(run(self)?);
-            self.passes.extend(self.backend.take_times()?);
-        }
-        Ok(best)
-    }
-
-    /// Seeded updates that take a block out and another in.
-    fn swapped(&mut self) -> [Vec<Update>; 2] {
-        [self.streamed.leave(BLOCK), self.streamed.enter(BLOCK)]
-    }
-
-    /// ms.
-    fn swap(&mut self) -> anyhow::Result<f64> {
-        let updates = self.swapped();
-        self.backend.finish()?;
-        let start = Instant::now();
-        for updates in &updates {
-            self.backend.apply(updates)?;
-        }
-        self.backend.finish()?;
-        Ok(start.elapsed().as_secs_f64() * 1e3)
-    }
-
-    /// New light for every slot.
-    fn relight(&mut self, slots: &[Slot]) -> anyhow::Result<()> {
-        let light = vec![Rgb::splat(1.0 + self.round as f32); slots.len()];
-        Ok(self.backend.set_sources(slots, &light, &light)?)
-    }
-
-    /// ms.
-    fn product(&mut self) -> anyhow::Result<f64> {
-        let slots = self.streamed.taken();
-        self.relight(&slots)?;
-        self.backend.finish()?;
-        let start = Instant::now();
-        self.backend.step()?;
-        self.backend.finish()?;
-        Ok(start.elapsed().as_secs_f64() * 1e3)
-    }
-
-    /// The quickest of `rounds` frames, ms, and the passes of direct light and gathers in all of them.
-    fn frames(
-        &mut self,
-        rounds: u32,
-        work: &mut FrameWork,
-        gather: &mut GatherWork,
-    ) -> anyhow::Result<(f64, Vec<PassTime>)> {
-        // Times of what was measured before are not theirs.
-        work.take_times()?;
-        gather.take_times()?;
-        let best = self.quickest(rounds, |bench| bench.frame(work, gather))?;
-        Ok((best, [work.take_times()?, gather.take_times()?].concat()))
-    }
-
-    /// As in the engine: what is handed over first is on its way while the matrix is updated. ms.
-    fn frame(&mut self, work: &mut FrameWork, gather: &mut GatherWork) -> anyhow::Result<f64> {
-        let updates = self.swapped();
-        let slots = self.streamed.taken();
-        let mut irradiance = vec![Rgb::ZERO; slots.len()];
-        let start = Instant::now();
-        let direct = work.begin()?;
-        gather.begin()?;
-        for updates in &updates {
-            self.backend.apply(updates)?;
-        }
-        self.relight(&slots)?;
-        self.backend.step()?;
-        self.backend.read_irradiance(&slots, &mut irradiance)?;
-        direct.wait()?;
-        gather.wait()?;
-        Ok(start.elapsed().as_secs_f64() * 1e3)
-    }
-}
-
-/// GB/s of a copy of as much as a plane, at least 16 MiB so that caches do not answer.
-fn copy_rate(device: &GpuDevice, arguments: &GpuBenchArguments) -> anyhow::Result<f64> {
-    let most = device.binding_bytes_max();
-    let bytes = memory::plane_bytes(arguments.m).max(16 << 20).min(most).next_multiple_of(16);
-    let copy = CopyBench::new(device, bytes)?;
-    let mut best = f64::INFINITY;
-    for _ in 0..arguments.rounds.max(1) {
-        let start = Instant::now();
-        copy.run(1)?;
-        best = best.min(start.elapsed().as_secs_f64());
-    }
-    // There and back, read and written.
-    Ok(4.0 * bytes as f64 / 1e9 / best.max(1e-9))
 }
 
 /// Items a second in 10^9, and the passes where the device can tell.

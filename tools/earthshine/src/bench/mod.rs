@@ -13,6 +13,7 @@ mod flight;
 mod gpu;
 mod gpu_frame;
 mod gpu_gather;
+mod gpu_matrix;
 mod gpu_news;
 mod gpu_rays;
 mod gpu_step;
@@ -42,10 +43,12 @@ use serde::Serialize;
   earthshine bench sphere --scene sponza.glb --lights sponza.lights.json --way '-8,1.5,0; 6,3,0.5'
   earthshine bench pictures cornell 'office.glb;voxel=0.25' --markdown
   earthshine bench matrix --swaps 10000 --json
-  earthshine bench gpu --m 4096 --json
+  earthshine bench gpu --json
+  earthshine bench gpu --adapter llvmpipe --m 256 --json
   earthshine bench alias --rows 4096 --items 1000 --plot alias-error
   earthshine bench temporal --scene cornell --solver hybrid,alias --plot step
   earthshine bench temporal --world sponza --n 1736,5485,8786,10422 --json
+  earthshine bench bake --scene town --gpu --json
   earthshine bench far --scene sponza.glb --lights sponza.lights.json --voxel 1
   earthshine bench keep --world town.world --plot keep
   earthshine bench flight --world town.world --speed 50 --json")]

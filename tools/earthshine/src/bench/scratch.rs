@@ -2,12 +2,24 @@
 
 use crate::progress_bars::BakeBars;
 use crate::scene_source::SceneSource;
-use earthshine_bake::{BakeError, BakeOptions, BakeSummary, Levels, MemoryLimit, Shard};
+use earthshine_bake::{BakeError, BakeOptions, BakeSummary, Levels, MemoryLimit, RayDevice, Shard};
 use earthshine_tiles::{BakeParameters, RowCodec};
 use std::path::Path;
 
 /// Bakes `source` into `world`, under progress bars.
 pub(super) fn bake(
+    source: &SceneSource,
+    parameters: BakeParameters,
+    levels: Levels,
+    world: &Path,
+    quiet: bool,
+) -> Result<BakeSummary, BakeError> {
+    bake_on(None, source, parameters, levels, world, quiet)
+}
+
+/// As [`bake`], with rays traced on `device` if there is one.
+pub(super) fn bake_on(
+    device: Option<&dyn RayDevice>,
     source: &SceneSource,
     parameters: BakeParameters,
     levels: Levels,
@@ -26,7 +38,7 @@ pub(super) fn bake(
         discard_work: false,
     };
     let bars = BakeBars::new(quiet);
-    let summary = earthshine_bake::bake(&source.scene, world, &options, &bars)?;
+    let summary = earthshine_bake::bake_on(device, &source.scene, world, &options, &bars)?;
     bars.finish();
     Ok(summary)
 }
