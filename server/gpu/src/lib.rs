@@ -37,9 +37,9 @@ mod device;
 pub mod direct;
 pub mod ends;
 mod flight;
-mod lit_patches;
 #[cfg(test)]
 mod life_tests;
+mod lit_patches;
 #[cfg(test)]
 mod lookup_tests;
 mod matrix;

@@ -114,7 +114,7 @@ impl GpuReceivers {
     /// # Errors
     /// [`ReceiversError`].
     pub fn with_room(device: &GpuDevice, column_bytes_max: u64) -> Result<Self, ReceiversError> {
-        let rows_min = ROWS_MIN.min(device.binding_bytes_max() / size_of::<ReceiverSpan>() as u64);
+        let rows_min = ROWS_MIN.min(device.binding_bytes_max() / SUMS_BYTES as u64);
         Ok(Self {
             column_bytes_max,
             residents: BTreeMap::new(),
@@ -127,7 +127,7 @@ impl GpuReceivers {
             sources: Mirror::new(device, "sources")?,
             sky: Mirror::new(device, "sky")?,
             rows_of: None,
-            told: ToldSums::new(device, ROWS_MIN)?,
+            told: ToldSums::new(device, rows_min)?,
             uniforms: uniform_buffer(device)?,
             under_way: None,
             timing: None,
