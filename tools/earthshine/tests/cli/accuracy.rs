@@ -198,6 +198,30 @@ fn errors_of_a_view_are_drawn() {
     run(desk.path(), &[&view[..], &["--view", "error"]].concat()).fails(USAGE, &["--world"]);
 }
 
+/// Goal: an option that a way of rendering does not heed is refused, not ignored. Method: short rays are the screen's own,
+/// which light of a world has no use for; its rays are taken, and so are the screen's short ones.
+#[test]
+fn short_rays_are_the_screens_own() {
+    let desk = desk();
+    cornell_world(desk.path());
+    let view = [
+        "render",
+        "cornell",
+        "--width",
+        "24",
+        "--height",
+        "16",
+        "--samples",
+        "16",
+        "--method",
+        "screen-space",
+    ];
+    let with = |more: &[&str]| run(desk.path(), &[&view[..], more].concat());
+    with(&["--world", "world", "--near-samples", "4"]).fails(USAGE, &["--near-samples", "--far-samples"]);
+    with(&["--world", "world", "--far-samples", "4"]).succeeds();
+    with(&["--near-samples", "4"]).succeeds();
+}
+
 /// Goal: one command compares pictures of several scenes, and says what of one it cannot read.
 #[test]
 fn pictures_of_scenes_are_compared_and_wrong_words_named() {
