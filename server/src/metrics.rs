@@ -263,7 +263,6 @@ impl Collector for WaitsCollector {
     }
 }
 
-/// Bytes that the device has sent, by what they are of.
 #[derive(Debug)]
 struct ReadBackCollector(BTreeMap<&'static str, u64>);
 
