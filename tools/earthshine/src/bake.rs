@@ -9,7 +9,6 @@ use crate::ray_device::Adapter;
 use crate::scene_source;
 use clap::Args;
 use earthshine_bake::{BakeOptions, BakeSummary, Levels, MemoryLimit, RayDevice, Shard};
-use earthshine_scene::ImportReport;
 use earthshine_tiles::{Manifest, RowCodec};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -103,7 +102,6 @@ pub(crate) fn run(arguments: &BakeArguments) -> anyhow::Result<()> {
     let quiet = arguments.quiet || arguments.json;
     let source =
         scene_source::load(&arguments.scene, arguments.lights.as_deref(), arguments.quality.metals_black())?;
-    tell(&source.scene.report);
     scene_source::warn_if_dark(&source);
     let memory = arguments.memory.unwrap_or_default();
     let chosen = quality(arguments, &source.name).chosen_within(&source, memory);
@@ -146,21 +144,6 @@ fn quality(arguments: &BakeArguments, scene: &str) -> QualityArguments {
         }
         // Whatever is wrong with it, the bake says.
         _ => arguments.quality.clone(),
-    }
-}
-
-/// What the import left out or changed, on standard error.
-fn tell(report: &ImportReport) {
-    let counted = [
-        (report.zero_area_triangles, "triangles without area were skipped"),
-        (report.clamped_materials, "materials reflect more than 98 % somewhere: clamped"),
-        (report.blended_materials, "materials blend: masked at 0.5"),
-    ];
-    for (count, what) in counted.into_iter().filter(|(count, _)| *count > 0) {
-        eprintln!("warning: {count} {what}");
-    }
-    for warning in &report.warnings {
-        eprintln!("warning: {warning}");
     }
 }
 

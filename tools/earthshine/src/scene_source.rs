@@ -3,7 +3,7 @@
 use anyhow::Context as _;
 use earthshine_gen::{GenOptions, WorldKind};
 use earthshine_render::SceneTracer;
-use earthshine_scene::{EnvironmentMap, ImportOptions, LightsFile, Scene};
+use earthshine_scene::{EnvironmentMap, ImportOptions, ImportReport, LightsFile, Scene};
 use earthshine_world::LightRig;
 use std::path::Path;
 use std::sync::Arc;
@@ -26,7 +26,7 @@ impl SceneSource {
     }
 }
 
-/// Loads `scene`, and `lights` where a file is given.
+/// Loads `scene`, and `lights` where a file is given; what is remarkable about them goes to standard error.
 pub(crate) fn load(scene: &str, lights: Option<&Path>, metals_black: bool) -> anyhow::Result<SceneSource> {
     load_generated(scene, lights, metals_black, &GenOptions::default())
 }
@@ -51,11 +51,30 @@ pub(crate) fn load_generated(
             (earthshine_scene::load(path, &options)?, name, None)
         }
     };
+    tell(&loaded.report);
     let file = lights.map(load_lights).transpose()?;
+    if let Some(warning) = file.as_ref().and_then(|file| file.emission_warning(&loaded)) {
+        eprintln!("warning: {warning}");
+    }
     let lights = earthshine_scene::light_rig(&loaded, file.as_ref());
     lights.validate().context("the scene's lights")?;
     let environment = file.and_then(|file| file.environment);
     Ok(SceneSource { scene: loaded, name, kind, lights, environment })
+}
+
+/// What the import left out or changed, on standard error.
+fn tell(report: &ImportReport) {
+    let counted = [
+        (report.zero_area_triangles, "triangles without area were skipped"),
+        (report.clamped_materials, "materials reflect more than 98 % somewhere: clamped"),
+        (report.blended_materials, "materials blend: masked at 0.5"),
+    ];
+    for (count, what) in counted.into_iter().filter(|(count, _)| *count > 0) {
+        eprintln!("warning: {count} {what}");
+    }
+    for warning in &report.warnings {
+        eprintln!("warning: {warning}");
+    }
 }
 
 /// Reads a lights file, and says on standard error what is remarkable about it.

@@ -72,9 +72,6 @@ fn import(document: &Document<'_>, options: &ImportOptions) -> Result<Scene, Sce
     scene.report.gpu_instances = geometry.instance_count;
     let warnings = document.ignored_extensions.iter().cloned().chain(materials.warnings).chain(dark);
     scene.report.warnings = warnings.chain(sentences(&walk, &geometry.skipped)).collect();
-    for warning in &scene.report.warnings {
-        tracing::warn!(file = document.file, "{warning}");
-    }
     Ok(scene)
 }
 

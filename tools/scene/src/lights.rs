@@ -25,7 +25,8 @@
 //! `config/lights.example.json` has all of it. Start at [`load_lights`].
 
 use crate::lights_json::{Entry, JsonFile, JsonLight, JsonSky};
-use crate::{EnvironmentMap, Scene, SceneError, environment_file, resource, sky_projection};
+use crate::materials::EMISSION_WARNING;
+use crate::{EnvironmentMap, Material, Scene, SceneError, environment_file, resource, sky_projection};
 use earthshine_world::{Light, LightRig, Rgb, Sky};
 use std::path::Path;
 use std::sync::Arc;
@@ -41,6 +42,8 @@ pub struct LightsFile {
     pub environment: Option<Arc<EnvironmentMap>>,
     /// Multiplies every emissive surface.
     pub emission_scale: f32,
+    /// File and line that say so, for messages.
+    emission_scale_place: String,
     /// Whether the scene's own `KHR_lights_punctual` shine as well.
     pub use_gltf_lights: bool,
     /// Sentences for people: what was left out or may be wrong.
@@ -90,15 +93,17 @@ fn parse(text: &[u8], name: &str, folder: Option<&Path>) -> Result<LightsFile, S
         lights: Vec::with_capacity(json.lights.len()),
         sky: Sky::default(),
         environment: None,
-        emission_scale: json.emission_scale,
+        emission_scale: 1.0,
+        emission_scale_place: String::new(),
         use_gltf_lights: json.use_gltf_lights,
         warnings: Vec::new(),
         notes: Vec::new(),
     };
-    let scaled = LightRig { emission_scale: json.emission_scale, ..LightRig::emission_only() };
-    scaled
-        .validate()
-        .map_err(|error| bad("emission_scale", format!("{}; give zero or more", error.cause)))?;
+    if let Some(entry) = &json.emission_scale {
+        let place = format!("emission_scale, line {}", entry.line(text));
+        file.emission_scale = read_emission_scale(entry).map_err(|cause| bad(&place, cause))?;
+        file.emission_scale_place = format!("{name}: {place}");
+    }
     if let Some(entry) = &json.sky {
         let place = format!("sky, line {}", entry.line(text));
         file.add_sky(entry, &format!("{name}: {place}"), folder).map_err(|cause| bad(&place, cause))?;
@@ -113,6 +118,13 @@ fn parse(text: &[u8], name: &str, folder: Option<&Path>) -> Result<LightsFile, S
         }
     }
     Ok(file)
+}
+
+fn read_emission_scale(entry: &Entry<'_>) -> Result<f32, String> {
+    let emission_scale = entry.read()?;
+    let rig = LightRig { emission_scale, ..LightRig::emission_only() };
+    rig.validate().map_err(|error| format!("{}; give zero or more", error.cause))?;
+    Ok(emission_scale)
 }
 
 fn read_light(entry: &Entry<'_>) -> Result<Light, String> {
@@ -133,6 +145,21 @@ fn cure(cause: &str) -> &'static str {
 }
 
 impl LightsFile {
+    /// A sentence for people where the emission scale makes a material of `scene` brighter than any lamp.
+    #[must_use]
+    pub fn emission_warning(&self, scene: &Scene) -> Option<String> {
+        let radiance = |material: &Material| material.emitted_radiance.max_element();
+        let brightest = scene.materials.iter().max_by(|a, b| radiance(a).total_cmp(&radiance(b)))?;
+        let scaled = radiance(brightest) * self.emission_scale;
+        (self.emission_scale > 1.0 && scaled > EMISSION_WARNING).then(|| {
+            format!(
+                "{}: {:e} makes material `{}` emit {scaled:.1e} cd/m2, more than {EMISSION_WARNING:.0e}: is a smaller \
+                 one meant?",
+                self.emission_scale_place, self.emission_scale, brightest.name
+            )
+        })
+    }
+
     /// Reads the sky of `entry`; `place` names it in warnings, files are looked up in `folder`.
     fn add_sky(&mut self, entry: &Entry<'_>, place: &str, folder: Option<&Path>) -> Result<(), String> {
         let json: JsonSky = entry.read()?;

@@ -16,8 +16,8 @@ pub(crate) struct JsonFile<'text> {
     pub(crate) sky: Option<Entry<'text>>,
     #[serde(default = "yes")]
     pub(crate) use_gltf_lights: bool,
-    #[serde(default = "one")]
-    pub(crate) emission_scale: f32,
+    #[serde(borrow)]
+    pub(crate) emission_scale: Option<Entry<'text>>,
 }
 
 impl<'text> JsonFile<'text> {
@@ -31,7 +31,7 @@ impl<'text> JsonFile<'text> {
     }
 }
 
-/// One light or the sky, as written.
+/// One light, the sky or a number, as written.
 #[derive(serde::Deserialize)]
 #[serde(transparent)]
 pub(crate) struct Entry<'text>(#[serde(borrow)] &'text RawValue);

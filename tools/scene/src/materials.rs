@@ -48,7 +48,7 @@ const BLEND_CUTOFF: f32 = 0.5;
 const MASK_CUTOFF: f32 = 0.5;
 
 /// Brighter surfaces are remarked on, cd/m2: a filament has some 1e7, so it is likely another unit.
-const EMISSION_WARNING: f32 = 1e8;
+pub(crate) const EMISSION_WARNING: f32 = 1e8;
 
 /// Reads all materials and decodes the textures they use.
 ///

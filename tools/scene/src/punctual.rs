@@ -6,6 +6,10 @@ use earthshine_world::{Light, LightRig, Rgb, Vec3};
 use glam::{DAffine3, DVec3};
 use gltf::json::extensions::scene::khr_lights_punctual::{Light as Json, Spot, Type};
 use gltf::json::validation::Checked;
+use std::collections::BTreeMap;
+
+/// Most lights without intensity that a warning names.
+const DARK_NAMED_MAX: usize = 8;
 
 /// The lights at `placed` nodes, and a warning where some are dark.
 ///
@@ -18,18 +22,19 @@ pub(crate) fn lights(
     let known = document.root.extensions.as_ref().and_then(|all| all.khr_lights_punctual.as_ref());
     let known = known.map_or(&[][..], |known| &known.lights);
     let mut lights = Vec::with_capacity(placed.len());
-    let mut dark = 0;
+    let mut dark = BTreeMap::new();
     for (index, world) in placed {
         let json = known.get(*index);
         let json = json.ok_or_else(|| document.malformed(format!("light {index}"), "it is not there"))?;
+        let named = || format!("light {index} `{}`", json.name.as_deref().unwrap_or("without a name"));
         let strength = Rgb::from_array(json.color) * json.intensity;
         if strength == Rgb::ZERO {
-            dark += 1;
+            dark.insert(*index, named());
             continue;
         }
         let bad = |cause: &str| SceneError::BadLights {
             file: document.file.to_owned(),
-            entry: format!("light {index} `{}`", json.name.as_deref().unwrap_or("without a name")),
+            entry: named(),
             cause: cause.to_owned(),
         };
         let light = in_world(json, strength, world).ok_or_else(|| {
@@ -40,7 +45,17 @@ pub(crate) fn lights(
         rig.validate().map_err(|error| bad(error.cause))?;
         lights.push(light);
     }
-    Ok((lights, (dark > 0).then(|| format!("{dark} lights without intensity were left out"))))
+    Ok((lights, dark_warning(&dark)))
+}
+
+/// Names the first of the lights without intensity; nothing where there are none.
+fn dark_warning(dark: &BTreeMap<usize, String>) -> Option<String> {
+    let mut names: Vec<&str> = dark.values().take(DARK_NAMED_MAX).map(String::as_str).collect();
+    let more = format!("{} more", dark.len() - names.len());
+    if dark.len() > names.len() {
+        names.push(&more);
+    }
+    (!names.is_empty()).then(|| format!("without intensity and left out: {}", names.join(", ")))
 }
 
 fn in_world(json: &Json, strength: Rgb, world: &DAffine3) -> Option<Light> {

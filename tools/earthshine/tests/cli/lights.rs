@@ -47,6 +47,7 @@ fn lights_that_cannot_be_name_their_line() {
         &with(r#"{"type": "point", "position": [0, 1, 0], "intensity": -5}"#),
         &["light 0, line 3", "negative", "must be zero or more"],
     );
+    refuses(desk.path(), "{\n \"emission_scale\": -1\n}", &["emission_scale, line 2", "give zero or more"]);
     refuses(desk.path(), "{\n \"lights\": [\n}", &["the file", "line 3", "config/lights.example.json"]);
 }
 
@@ -95,17 +96,39 @@ fn an_environment_map_lights_a_bake_and_says_how_well() {
     }
 }
 
+/// Goal: whatever is done with a scene, what is wrong with its lights is said, and once. Method: a lamp of another unit, a
+/// light without intensity and a scale without bounds, through every command that reads scenes.
 #[test]
-fn emission_beyond_all_lamps_is_remarked_on() {
+fn every_command_remarks_on_lights_once() {
     let desk = desk();
     let mut scene = Gltf::lamp_over_floor();
-    scene.json["extensionsUsed"] = serde_json::json!(["KHR_materials_emissive_strength"]);
+    scene.json["extensionsUsed"] =
+        serde_json::json!(["KHR_materials_emissive_strength", "KHR_lights_punctual"]);
     scene.json["materials"][1]["name"] = "Lamp".into();
     scene.json["materials"][1]["extensions"] =
         serde_json::json!({"KHR_materials_emissive_strength": {"emissiveStrength": 1e9}});
+    scene.json["extensions"] = serde_json::json!({"KHR_lights_punctual": {"lights": [
+        {"type": "point"}, {"type": "point", "name": "Spare", "intensity": 0}]}});
+    scene.json["nodes"][0]["extensions"] = serde_json::json!({"KHR_lights_punctual": {"light": 1}});
     scene.write_glb(&desk.path().join("room.glb"));
-    let baked = run(desk.path(), &bake("room.glb", "world")).succeeds();
-    assert!(baked.errors.contains("warning: material 1 `Lamp` emits"), "{baked:?}");
+    std::fs::write(desk.path().join("lights.json"), "{\n \"emission_scale\": 1e9\n}")
+        .expect("a scratch folder");
+    let coarse = ["--voxel", "0.5", "--rays", "32", "--detail", "1"];
+    let few_points = ["--point-count", "4", "--noise", "0.5", "--json"];
+    let accuracy = [&["bench", "accuracy", "--scene", "room.glb"][..], &coarse, &few_points].concat();
+    let picture = ["--width", "8", "--height", "8", "--samples", "1", "--out", "pictures"];
+    let render = [&["render", "room.glb"][..], &picture].concat();
+    for command in [bake("room.glb", "world").to_vec(), accuracy, render] {
+        let done = run(desk.path(), &[&command[..], &["--lights", "lights.json"]].concat()).succeeds();
+        for words in [
+            "warning: material 1 `Lamp` emits",
+            "warning: without intensity and left out: light 1 `Spare`",
+            "warning: lights.json: emission_scale, line 2: 1e9 makes material `Lamp` emit",
+        ] {
+            assert_eq!(done.errors.matches(words).count(), 1, "{words:?} in {done:?}");
+        }
+        assert_eq!(done.errors.matches("`Spare`").count(), 1, "{done:?}");
+    }
 }
 
 #[test]

@@ -22,7 +22,7 @@ fn punctual_lights_stand_in_the_world() {
         {"type": "directional", "color": [1.0, 0.5, 0.25], "intensity": 1000.0},
         {"type": "point", "intensity": 40.0, "range": 9.0},
         {"type": "spot", "intensity": 10.0, "spot": {"innerConeAngle": 0.1, "outerConeAngle": 0.3}},
-        {"type": "point", "intensity": 0.0},
+        {"type": "point", "name": "Off", "intensity": 0.0},
     ]));
     // The parent turns -Z to -Y and doubles lengths; intensities are not scaled.
     let quarter = std::f32::consts::FRAC_1_SQRT_2;
@@ -40,7 +40,7 @@ fn punctual_lights_stand_in_the_world() {
         if (position - Vec3::new(2., 0., 0.)).length() < 1e-6 && intensity == Rgb::splat(40.) && range == 9.0));
     assert!(matches!(spot, Light::Spot { direction, inner_cone_rad, outer_cone_rad, .. }
         if down(direction) && (inner_cone_rad, outer_cone_rad) == (0.1, 0.3)));
-    assert_eq!(scene.report.warnings, ["1 lights without intensity were left out"]);
+    assert_eq!(scene.report.warnings, ["without intensity and left out: light 3 `Off`"]);
 }
 
 #[test]
@@ -167,7 +167,25 @@ fn the_emission_scale_reaches_the_rig() {
     let file = parse_lights(br#"{"emission_scale": 0.25}"#, "x.json").expect("good lights");
     assert_eq!(light_rig(&Glb::triangle().scene(), Some(&file)).emission_scale, 0.25);
     let error = parse_lights(br#"{"emission_scale": -1}"#, "x.json").expect_err("negative").to_string();
-    assert!(error.contains("x.json: emission_scale") && error.contains("zero or more"), "{error}");
+    assert!(error.contains("x.json: emission_scale, line 1: ") && error.contains("zero or more"), "{error}");
+    let text = b"{\n  \"lights\": [],\n  \"emission_scale\": \"bright\"\n}";
+    let error = parse_lights(text, "x.json").expect_err("no number").to_string();
+    assert!(error.starts_with("x.json: emission_scale, line 3: invalid type"), "{error}");
+}
+
+#[test]
+fn an_emission_scale_beyond_all_lamps_is_remarked_on() {
+    let glb = Glb::with_material(json!({"name": "Lamp", "emissiveFactor": [1, 0.5, 0]}));
+    let warned = |text: &[u8], scene: &Glb| {
+        parse_lights(text, "x.json").expect("good lights").emission_warning(&scene.scene())
+    };
+    let warning = warned(b"{\n\"emission_scale\": 1e9}", &glb).expect("a warning");
+    assert!(
+        warning.starts_with("x.json: emission_scale, line 2: 1e9 makes material `Lamp` emit 1.0e9"),
+        "{warning}"
+    );
+    assert_eq!(warned(br#"{"emission_scale": 1e7}"#, &glb), None);
+    assert_eq!(warned(br#"{"emission_scale": 1e9}"#, &Glb::triangle()), None, "nothing emits");
 }
 
 #[test]
