@@ -1,9 +1,10 @@
-//! Light off returns to exactly the earlier state: every kind of light, on the local matrix, to the bit.
+//! Light off returns to exactly the earlier state: every kind of light, on the local matrix, to the bit; on patches, in the
+//! air and in detail.
 
 use super::backend::Faults;
 use super::harness::{ALICE, Harness, factory, generous};
 use super::world::{RandomWorld, WorldShape};
-use crate::{BackendFactory, EngineConfig, PatchLight};
+use crate::{BackendFactory, EngineConfig, Frame, PatchLight};
 use earthshine_radiosity::CpuBackend;
 use earthshine_world::{Light, LightRig, Rgb, Sky, Vec3};
 
@@ -71,73 +72,99 @@ fn changes() -> Vec<(&'static str, LightRig)> {
     ]
 }
 
-fn harness(config: EngineConfig, backends: BackendFactory) -> Harness {
+/// A world with light in the air, and one with detail.
+fn worlds() -> [RandomWorld; 2] {
     let shape =
         WorldShape { chunks: [5, 2, 4], patches_per_chunk_max: 12, links_per_patch: 8, has_occluders: true };
-    let world = RandomWorld::new(24, shape);
+    [RandomWorld::new(24, shape), super::detail::world(5)]
+}
+
+fn harness(world: RandomWorld, config: EngineConfig, backends: BackendFactory) -> Harness {
     let mut harness = Harness::with_backends(world, config, backends).with_camera(Vec3::ZERO);
     harness.light(ALICE, full());
     harness.settle();
     harness
 }
 
-/// All numbers of a frame as bits: `==` takes minus zero for zero.
-fn bits(patches: &[PatchLight]) -> Vec<[u32; 6]> {
+/// Everything that a frame tells, patches first.
+fn told(frame: &Frame) -> Vec<PatchLight> {
+    frame.patches.iter().chain(frame.receivers.iter()).chain(frame.details.iter()).copied().collect()
+}
+
+/// All light of a frame as bits: `==` takes minus zero for zero.
+fn bits(lights: &[PatchLight]) -> Vec<[u32; 6]> {
     let of = |light: &PatchLight| {
         let [a, b, c] = light.irradiance.to_array();
         let [d, e, f] = light.sky_irradiance.to_array();
         [a, b, c, d, e, f].map(f32::to_bits)
     };
-    patches.iter().map(of).collect()
+    lights.iter().map(of).collect()
 }
 
-/// How many patches have other light than before.
+/// How many lights are other than before.
 fn changed(now: &[PatchLight], before: &[PatchLight]) -> usize {
     now.iter().zip(before).filter(|(a, b)| a.irradiance != b.irradiance).count()
 }
 
 #[test]
 fn every_light_that_goes_and_comes_back_leaves_no_trace() {
-    for backends in [cpu(), factory(Faults::default())] {
-        let mut harness = harness(generous(PATCHES), backends);
-        let start = harness.frame(ALICE).patches.clone();
-        assert_eq!(start.len(), PATCHES as usize);
+    let all = worlds()
+        .into_iter()
+        .flat_map(|world| [cpu(), factory(Faults::default())].map(|backends| (world.clone(), backends)));
+    for (world, backends) in all {
+        let mut harness = harness(world, generous(PATCHES), backends);
+        let frame = harness.frame(ALICE);
+        let beside = frame.receivers.len() + frame.details.len();
+        assert!(frame.patches.len() == PATCHES as usize && beside > 30, "{beside} beside patches");
+        let start = told(frame);
         for (name, rig) in changes() {
             harness.light(ALICE, rig);
             harness.settle();
-            let between = changed(&harness.frame(ALICE).patches, &start);
-            assert!(between > start.len() / 4, "{name}: {between} of {} patches changed", start.len());
+            let between = told(harness.frame(ALICE));
+            let (on_patches, others) = between.split_at(PATCHES as usize);
+            let of_patches = changed(on_patches, &start[..PATCHES as usize]);
+            let of_others = changed(others, &start[PATCHES as usize..]);
+            assert!(of_patches > on_patches.len() / 4, "{name}: {of_patches} patches changed");
+            assert!(of_others > others.len() / 4, "{name}: {of_others} of {} others changed", others.len());
             harness.light(ALICE, full());
             harness.settle();
-            let back = &harness.frame(ALICE).patches;
-            assert!(bits(back) == bits(&start), "{name}: {} patches differ", changed(back, &start));
+            let back = told(harness.frame(ALICE));
+            assert!(bits(&back) == bits(&start), "{name}: {} lights differ", changed(&back, &start));
         }
     }
 }
 
 /// Goal: the way to a state does not matter. Method: budgets so small that light changes again before the last change
-/// has reached every patch.
+/// has reached every patch, or any of what stands beside them.
 #[test]
 fn changes_that_overtake_each_other_leave_no_trace() {
-    let config = EngineConfig { shadow_points_per_tick_max: 8, ..generous(PATCHES) };
-    let mut harness = harness(config, cpu());
-    let start = harness.frame(ALICE).patches.clone();
-    for (_, rig) in changes() {
-        harness.light(ALICE, rig);
-        harness.tick();
-        harness.tick();
+    let config =
+        EngineConfig { shadow_points_per_tick_max: 8, receiver_rows_per_tick_max: 7, ..generous(PATCHES) };
+    for world in worlds() {
+        let mut harness = harness(world, config.clone(), cpu());
+        let start = told(harness.frame(ALICE));
+        for (_, rig) in changes() {
+            harness.light(ALICE, rig);
+            harness.tick();
+            harness.tick();
+        }
+        assert_ne!(bits(&told(harness.frame(ALICE))), bits(&start));
+        harness.light(ALICE, full());
+        harness.settle();
+        assert_eq!(bits(&told(harness.frame(ALICE))), bits(&start));
     }
-    assert_ne!(bits(&harness.frame(ALICE).patches), bits(&start));
-    harness.light(ALICE, full());
-    harness.settle();
-    assert_eq!(bits(&harness.frame(ALICE).patches), bits(&start));
 }
 
 #[test]
 fn everything_off_is_black() {
-    let mut harness = harness(generous(PATCHES), cpu());
-    harness.light(ALICE, LightRig { emission_scale: 0.0, ..LightRig::default() });
-    harness.settle();
-    let patches = &harness.frame(ALICE).patches;
-    assert!(patches.iter().all(|light| light.irradiance == Rgb::ZERO && light.sky_irradiance == Rgb::ZERO));
+    for world in worlds() {
+        let mut harness = harness(world, generous(PATCHES), cpu());
+        harness.light(ALICE, LightRig { emission_scale: 0.0, ..LightRig::default() });
+        harness.settle();
+        let lights = told(harness.frame(ALICE));
+        assert!(lights.len() > PATCHES as usize);
+        assert!(
+            lights.iter().all(|light| light.irradiance == Rgb::ZERO && light.sky_irradiance == Rgb::ZERO)
+        );
+    }
 }
