@@ -6,6 +6,7 @@
 //! correlated, which a path's are to all but its colour.
 
 use crate::csv::ReferencePoint;
+use earthshine_world::Rgb;
 
 /// How well two lists of light agree.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
@@ -26,17 +27,52 @@ pub struct Agreement {
     pub deviation_rms: f64,
 }
 
+/// A point whose lights differ by more than two combined standard errors.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct ApartPoint {
+    /// Place in both lists.
+    pub point: usize,
+    /// m.
+    pub position: [f32; 3],
+    /// First less second light, in combined standard errors; infinite where both claim to be exact.
+    pub deviation: f64,
+    /// First light over the second, less one.
+    pub difference_rel: f64,
+}
+
+/// The points that [`Agreement::within_two`] leaves out, in the order of the lists.
+#[must_use]
+pub fn apart(ours: &[ReferencePoint], theirs: &[ReferencePoint]) -> Vec<ApartPoint> {
+    let pairs = ours.iter().zip(theirs).enumerate();
+    let found = pairs.map(|(point, (a, b))| {
+        let (difference, spread) = (mean(a.irradiance) - mean(b.irradiance), spread(a, b));
+        ApartPoint {
+            point,
+            position: b.position.to_array(),
+            deviation: if difference == 0.0 { 0.0 } else { difference / spread },
+            difference_rel: difference / mean(b.irradiance),
+        }
+    });
+    found.filter(|found| found.deviation.abs() > 2.0).collect()
+}
+
+/// Of the channels.
+fn mean(rgb: Rgb) -> f64 {
+    rgb.as_dvec3().element_sum() / 3.0
+}
+
+/// Combined standard error.
+fn spread(a: &ReferencePoint, b: &ReferencePoint) -> f64 {
+    mean(a.standard_error).hypot(mean(b.standard_error))
+}
+
 /// Compares `ours` with `theirs`, point by point; `None` without points or light.
 #[must_use]
 pub fn agreement(ours: &[ReferencePoint], theirs: &[ReferencePoint]) -> Option<Agreement> {
-    let mean = |rgb: earthshine_world::Rgb| rgb.as_dvec3().element_sum() / 3.0;
     let pairs: Vec<(f64, f64, f64)> = ours
         .iter()
         .zip(theirs)
-        .map(|(a, b)| {
-            let spread = mean(a.standard_error).hypot(mean(b.standard_error));
-            (mean(a.irradiance) - mean(b.irradiance), spread, mean(b.irradiance))
-        })
+        .map(|(a, b)| (mean(a.irradiance) - mean(b.irradiance), spread(a, b), mean(b.irradiance)))
         .collect();
     let count = pairs.len() as f64;
     let light: f64 = pairs.iter().map(|pair| pair.2).sum();
@@ -63,8 +99,8 @@ pub fn agreement(ours: &[ReferencePoint], theirs: &[ReferencePoint]) -> Option<A
 #[cfg(test)]
 mod tests {
     use super::*;
+    use earthshine_world::Vec3;
     use earthshine_world::random::{Purpose, hash, unit_pair};
-    use earthshine_world::{Rgb, Vec3};
 
     /// Normal errors of the stated size around ten, by Box and Muller.
     fn noisy(count: u64, stated: f32, scale: f32, seed: u64) -> Vec<ReferencePoint> {
@@ -87,6 +123,9 @@ mod tests {
         assert!((found.within_two - 0.9545).abs() < 0.006, "{found:?}");
         assert!((found.within_three - 0.9973).abs() < 0.002, "{found:?}");
         assert!((found.deviation_rms - 1.0).abs() < 0.03 && found.bias.abs() < 3.0 * found.bias_noise);
+        let apart = apart(&noisy(20_000, 0.1, 1.0, 1), &noisy(20_000, 0.2, 1.0, 2));
+        assert!((1.0 - apart.len() as f64 / 20_000.0 - found.within_two).abs() < 1e-9);
+        assert!(apart.iter().all(|point| point.deviation * point.difference_rel > 0.0));
     }
 
     #[test]

@@ -20,9 +20,12 @@ fn folder() -> Option<PathBuf> {
     folder
 }
 
-/// Share of the points that must lie within three combined standard errors. Noise alone would leave out 0.3 %; the rest
-/// is room for points at an edge, which two renderers may put on either side of it.
-const WITHIN_NOISE_MIN: f64 = 0.95;
+/// Share of the points, lights averaged over channels, that must lie within two combined standard errors: noise alone
+/// leaves 4.6 % out.
+const WITHIN_TWO_MIN: f64 = 0.95;
+
+/// The same where paths are so few that their errors are not normal yet, as in Sponza's dark corners.
+const WITHIN_TWO_OF_FEW_PATHS: f64 = 0.9;
 
 fn scene_and_light(folder: &std::path::Path, name: &str) -> (Scene, LightRig) {
     let scene = load(&folder.join(format!("{name}.glb")), &ImportOptions::default()).expect("a scene");
@@ -33,7 +36,7 @@ fn scene_and_light(folder: &std::path::Path, name: &str) -> (Scene, LightRig) {
 }
 
 /// Traces `points` of the references once and compares with both renderers.
-fn assert_agrees(name: &str, points: usize, samples_max: u64, median_max: f64) {
+fn assert_agrees(name: &str, points: usize, samples_max: u64, median_max: f64, within_two_min: f64) {
     let Some(folder) = folder() else { return };
     let (scene, rig) = scene_and_light(&folder, name);
     let references = ["mitsuba", "cycles"].map(|renderer| {
@@ -51,7 +54,9 @@ fn assert_agrees(name: &str, points: usize, samples_max: u64, median_max: f64) {
         assert!(errors.bias.abs() < 0.01, "{name}: {errors:?}");
         assert!(errors.median_rel < median_max, "{name}: {errors:?}");
         assert_eq!(errors.beyond_factor_two, 0.0, "{name}: {errors:?}");
-        assert!(agreement.within_three >= WITHIN_NOISE_MIN, "{name}: {agreement:?}");
+        assert!(agreement.within_two >= within_two_min, "{name}: {agreement:?}");
+        assert!(agreement.within_three >= 0.98, "{name}: {agreement:?}");
+        assert!(agreement.deviation_rms < 1.15, "{name}: {agreement:?}");
     }
 }
 
@@ -72,20 +77,20 @@ fn compared(found: &[PointEstimate], reference: &[ReferencePoint]) -> (LightErro
 
 #[test]
 fn the_measured_cornell_box_agrees() {
-    assert_agrees("cornell", 91, 4096, 0.01);
+    assert_agrees("cornell", 91, 4096, 0.01, WITHIN_TWO_MIN);
 }
 
 #[test]
 fn rooms_with_small_emitters_agree() {
-    assert_agrees("office", 60, 4096, 0.03);
+    assert_agrees("office", 60, 4096, 0.03, WITHIN_TWO_MIN);
 }
 
 #[test]
 fn a_sunlit_atrium_agrees() {
-    assert_agrees("sponza", 60, 2048, 0.06);
+    assert_agrees("sponza", 60, 2048, 0.06, WITHIN_TWO_OF_FEW_PATHS);
 }
 
 #[test]
 fn a_textured_town_agrees() {
-    assert_agrees("kaykit_city", 69, 2048, 0.02);
+    assert_agrees("kaykit_city", 69, 2048, 0.02, WITHIN_TWO_MIN);
 }

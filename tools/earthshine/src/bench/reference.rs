@@ -6,7 +6,7 @@ use crate::quality::Metals;
 use crate::scene_source;
 use anyhow::Context as _;
 use clap::Args;
-use earthshine_render::agreement::{Agreement, agreement};
+use earthshine_render::agreement::{Agreement, ApartPoint, agreement, apart};
 use earthshine_render::compare_points::{LightErrors, compare_points};
 use earthshine_render::csv::{self, ReferencePoint};
 use earthshine_render::{ReferenceOptions, irradiance_at_points};
@@ -18,7 +18,13 @@ use std::time::Instant;
 #[derive(Args)]
 #[command(
     after_help = "A point agrees when both lights, channels averaged, differ by at most k sqrt(s1^2 + s2^2) with
-their standard errors s1 and s2; of unbiased light 95.4 % of the points do within k = 2, 99.7 % within k = 3."
+their standard errors s1 and s2; of unbiased light 95.4 % of the points do within k = 2, 99.7 % within k = 3.
+A target of --noise stops a point where its noise happens to look small, so that more points than that disagree: compare
+with --noise 0 and so many --paths.
+
+Examples:
+  earthshine bench reference --scene cornell.glb --reference cornell.mitsuba.csv --noise 0 --paths 16384
+  earthshine bench reference --scene sponza.glb --lights sponza.lights.json --reference sponza.cycles.csv --json"
 )]
 pub(crate) struct ReferenceArguments {
     /// A generated world or a .glb file.
@@ -54,6 +60,8 @@ pub(crate) struct ReferenceArguments {
 struct Figures {
     #[serde(flatten)]
     agreement: Agreement,
+    /// Points beyond two combined standard errors.
+    apart: Vec<ApartPoint>,
     /// Ours as if it were measured.
     #[serde(flatten)]
     errors: LightErrors,
@@ -95,6 +103,6 @@ pub(crate) fn run(arguments: &ReferenceArguments, json: bool) -> anyhow::Result<
     let rays: u64 = found.iter().map(|point| point.rays).sum();
     let paths = found.iter().map(|point| point.samples).sum();
     let mrays_s = rays as f64 / seconds.max(1e-9) / 1e6;
-    let figures = Figures { agreement, errors, paths, rays, mrays_s };
+    let figures = Figures { agreement, apart: apart(&ours, &theirs), errors, paths, rays, mrays_s };
     Report::new("reference", &source.name, "path-tracer", arguments.seed, seconds, figures).print(json)
 }
