@@ -223,6 +223,7 @@ fn colour_of(cause: Cause) -> [u8; 3] {
         Cause::VoxelDetail => [255, 235, 0],
         Cause::LookupFallback => [150, 75, 0],
         Cause::SmallPatch => [255, 170, 150],
+        Cause::Air => [255, 200, 220],
         Cause::TooFewRays => [0, 220, 60],
         Cause::RowBalance => [0, 120, 60],
         Cause::EmitterEdge => [60, 60, 255],

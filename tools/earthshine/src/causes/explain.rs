@@ -3,6 +3,8 @@
 use super::Cause;
 use super::contributions::Contributions;
 use super::gather::{PatchGather, PlaceGather};
+use super::in_air::is_same;
+use super::mean;
 use super::reads::{Read, Unlit};
 use super::scene_light::{LitPatch, SceneLight};
 use crate::whole_world::{WholeLight, WholeWorld};
@@ -82,6 +84,8 @@ pub(crate) struct Evidence {
     pub row_noise: f64,
     /// Share of rays that end on surfaces without patches.
     pub no_patch_share: f64,
+    /// Whether light in the air answers; what is read of surfaces is not told then.
+    pub in_air: bool,
 }
 
 impl Explained {
@@ -98,27 +102,29 @@ impl Explained {
 
 /// Explains errors of one world under one light.
 pub(crate) struct Explainer<'a> {
-    scene: SceneLight<'a>,
+    pub(super) scene: SceneLight<'a>,
+    /// As served.
+    served: &'a [Volume],
     /// Of surfaces alone: a lookup in the air is no weighted mean.
     volumes: Vec<Volume>,
-    options: ExplainOptions,
+    pub(super) options: ExplainOptions,
 }
 
 /// Which volume, voxel and direction.
 type ReadKey = (usize, [i32; 3], usize);
 
 impl<'a> Explainer<'a> {
-    /// `volumes` are the light that was served, made of `light`.
+    /// `served` are the light that was served, made of `light`.
     pub(crate) fn new(
         world: &'a WholeWorld,
         light: &'a WholeLight,
-        volumes: &[Volume],
+        served: &'a [Volume],
         tracer: &'a SceneTracer<'a>,
         rig: &'a LightRig,
         options: ExplainOptions,
     ) -> Self {
-        let volumes = volumes.iter().map(Volume::without_air).collect();
-        Self { scene: SceneLight::new(world, light, tracer, rig), volumes, options }
+        let volumes = served.iter().map(Volume::without_air).collect();
+        Self { scene: SceneLight::new(world, light, tracer, rig), served, volumes, options }
     }
 
     /// Explains every point that has light. `finished` is called once a point, from any thread.
@@ -146,7 +152,10 @@ impl<'a> Explainer<'a> {
             .enumerate()
             .with_max_len(1)
             .map(|(index, (point, reads))| {
-                let found = reads.as_ref().map(|reads| self.point(index, point, reads, &gathers)).transpose();
+                let served = crate::volume_light::at(self.served, point.position, point.normal).map(mean);
+                let found = served
+                    .map(|served| self.point(index, point, served, reads.as_deref(), &gathers))
+                    .transpose();
                 finished();
                 found
             })
@@ -193,16 +202,19 @@ impl<'a> Explainer<'a> {
         &self,
         index: usize,
         point: &ReferencePoint,
-        reads: &[Read],
+        served: f64,
+        reads: Option<&[Read]>,
         gathers: &BTreeMap<ReadKey, PatchGather>,
     ) -> anyhow::Result<Explained> {
-        let mean = |light: Vec3| f64::from(light.element_sum()) / 3.0;
+        let of_surfaces = crate::volume_light::at(&self.volumes, point.position, point.normal).map(mean);
+        let Some(reads) = reads.filter(|_| of_surfaces.is_some_and(|light| is_same(light, served))) else {
+            return Ok(self.in_air(index, point, served));
+        };
         let solved = |read: &Read| {
             let light =
                 self.volumes[read.volume].at(read.voxel).map(|light| light.irradiance[read.direction]);
             mean(light.unwrap_or(Vec3::ZERO))
         };
-        let served = crate::volume_light::at(&self.volumes, point.position, point.normal).map_or(0.0, mean);
         let summed: f64 = reads.iter().map(|read| f64::from(read.weight) * solved(read)).sum();
         ensure!(
             (summed - served).abs() <= 1e-3 * served.abs().max(1e-6),
@@ -239,13 +251,13 @@ fn fallback_share(reads: &[Read], direction: usize, normal: Vec3) -> f64 {
 }
 
 /// Parts of one point's error as its reads are gone through.
-struct PointSum<'e> {
+pub(super) struct PointSum<'e> {
     scene: &'e SceneLight<'e>,
     normal: Vec3,
     /// Just off the surface, and lifted.
     eyes: [Vec3; 2],
     gathered: f64,
-    parts: Contributions,
+    pub(super) parts: Contributions,
     evidence: Evidence,
     row_error: f64,
     row_variance: f64,
@@ -253,7 +265,7 @@ struct PointSum<'e> {
 }
 
 impl<'e> PointSum<'e> {
-    fn new(explainer: &'e Explainer<'e>, point: &ReferencePoint, gathered: f64) -> Self {
+    pub(super) fn new(explainer: &'e Explainer<'e>, point: &ReferencePoint, gathered: f64) -> Self {
         let scene = &explainer.scene;
         Self {
             scene,
@@ -326,7 +338,7 @@ impl<'e> PointSum<'e> {
         }
     }
 
-    fn finish(
+    pub(super) fn finish(
         mut self,
         seen: &PlaceGather,
         reference: f64,

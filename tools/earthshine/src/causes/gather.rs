@@ -1,5 +1,6 @@
 //! Final gathers: light at a place from the patches that rays from there hit, channels averaged, lx.
 
+use super::mean;
 use super::scene_light::SceneLight;
 use earthshine_bake::exposure::{NEAR_SHARE, NEAR_VOXELS};
 use earthshine_bake::rows::RAY_OFFSET;
@@ -51,10 +52,6 @@ pub(crate) struct PlaceGather {
     pub unseen: f64,
     /// Share of rays that end there.
     pub unseen_share: f64,
-}
-
-fn mean(light: Rgb) -> f64 {
-    f64::from(light.element_sum()) / 3.0
 }
 
 /// Mean and standard deviation of blocks.

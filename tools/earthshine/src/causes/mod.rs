@@ -13,11 +13,14 @@
 //! The lookup's part goes point by point of each patch read, so that what lies behind a wall is told apart from what
 //! merely differs. Every part is signed; a point's cause is the one that explains most of its error.
 //!
+//! Where light in the air answers the lookup is no weighted mean, and its whole part, `served - T`, is one cause.
+//!
 //! This is a diagnosis of a whole world in memory; the service does none of it.
 
 mod contributions;
 mod explain;
 mod gather;
+mod in_air;
 mod ranking;
 mod reads;
 mod report;
@@ -25,9 +28,16 @@ mod scene_light;
 #[cfg(test)]
 mod tests;
 
+use earthshine_world::Rgb;
+
 pub(crate) use explain::{ExplainOptions, Explained, Explainer};
 pub(crate) use ranking::rank;
 pub(crate) use report::{check_path, print_table, write};
+
+/// Of the channels.
+fn mean(light: Rgb) -> f64 {
+    f64::from(light.element_sum()) / 3.0
+}
 
 /// What makes light at a point wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
@@ -45,6 +55,8 @@ pub(crate) enum Cause {
     LookupFallback,
     /// A patch of tiny area speaks for a whole voxel.
     SmallPatch,
+    /// Light in the air answers: of the middles of voxels, in six directions, by few rays.
+    Air,
     /// Rows differ from many more rays by no more than their noise.
     TooFewRays,
     /// Rows differ by more: balancing, absorbed shares, patches left out, half floats.
@@ -65,7 +77,7 @@ pub(crate) enum Cause {
 
 impl Cause {
     /// How many there are.
-    pub(crate) const COUNT: usize = 14;
+    pub(crate) const COUNT: usize = 15;
     /// All, in the order of the stages.
     pub(crate) const ALL: [Self; Self::COUNT] = [
         Self::ThinWall,
@@ -74,6 +86,7 @@ impl Cause {
         Self::VoxelDetail,
         Self::LookupFallback,
         Self::SmallPatch,
+        Self::Air,
         Self::TooFewRays,
         Self::RowBalance,
         Self::EmitterEdge,
@@ -93,6 +106,7 @@ impl Cause {
             Self::VoxelDetail => "voxel-detail",
             Self::LookupFallback => "lookup-fallback",
             Self::SmallPatch => "small-patch",
+            Self::Air => "air",
             Self::TooFewRays => "too-few-rays",
             Self::RowBalance => "row-balance",
             Self::EmitterEdge => "emitter-edge",
@@ -113,6 +127,7 @@ impl Cause {
             Self::VoxelDetail => "light changes within the voxels read: smaller --voxel",
             Self::LookupFallback => "a direction has no patch near by, others stand in",
             Self::SmallPatch => "a patch of tiny area speaks for its voxel",
+            Self::Air => "light in the air is that of voxels' middles, in six directions",
             Self::TooFewRays => "noise of the rows: more --rays",
             Self::RowBalance => "rows off by more than noise: balance, absorbed, left-out points",
             Self::EmitterEdge => "emission smeared over patches in sight: smaller --voxel",

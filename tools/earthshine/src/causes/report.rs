@@ -97,6 +97,7 @@ fn evidence(explained: &Explained, cause: Cause) -> String {
             format!("{} of the weight goes to other directions", percent(seen.fallback_share))
         }
         Cause::SmallPatch => format!("{} of the weight on tiny patches", percent(seen.small_share)),
+        Cause::Air => format!("{:.4} lx by rays from here", seen.gathered),
         Cause::TooFewRays => format!("row noise {:.4} lx", seen.row_noise),
         Cause::RowBalance => format!(
             "rows are off by {:.4} lx, noise {:.4}",

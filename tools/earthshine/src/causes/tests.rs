@@ -94,8 +94,18 @@ fn explained(
     places: &[(Vec3, Vec3)],
     identical: bool,
 ) -> Outcome {
+    let parameters = BakeParameters { rays_per_patch: rays, ..of_surfaces(voxel_edge_m) };
+    explained_by(scene, parameters, places, identical)
+}
+
+fn explained_by(
+    scene: &Scene,
+    parameters: BakeParameters,
+    places: &[(Vec3, Vec3)],
+    identical: bool,
+) -> Outcome {
     let rig = LightRig::emission_only();
-    let world = baked(scene, BakeParameters { rays_per_patch: rays, ..of_surfaces(voxel_edge_m) });
+    let world = baked(scene, parameters);
     let light = world.solve(&rig);
     let volumes = world.volumes(&light).unwrap();
     let tracer = SceneTracer::new(scene);
@@ -220,6 +230,111 @@ fn a_voxel_larger_than_the_detail() {
     quad(&mut scene, Vec3::new(0.01, 0.0, 0.0), Vec3::Y * 2.0, Vec3::Z * 4.0, material(0.0, 100.0));
     let places = floor_points([0.05, 0.5], [1.0, 3.5], 0.0, true);
     assert_eq!(main_cause(&explained(&scene, 2.0, 4096, &places, false)), Cause::VoxelDetail);
+}
+
+/// The outside of a box.
+fn block(scene: &mut Scene, low: Vec3, size: Vec3) {
+    let (x, y, z) = (Vec3::X * size.x, Vec3::Y * size.y, Vec3::Z * size.z);
+    for (corner, side, up) in
+        [(low, z, y), (low + x, y, z), (low, x, z), (low + y, z, x), (low, y, x), (low + z, x, y)]
+    {
+        quad(scene, corner, side, up, material(0.5, 0.0));
+    }
+}
+
+/// Goal: points under a block that were not left out are named where they darken the floor beside it. Method: a low block
+/// that covers half of the floor's voxels around it, and a bake that leaves no point out.
+#[test]
+fn buried_points_that_were_left_in() {
+    let mut scene = Scene::default();
+    room(&mut scene, Vec3::ZERO, Vec3::new(4.0, 2.0, 4.0), 100.0);
+    block(&mut scene, Vec3::new(1.5, 0.0, 1.5), Vec3::new(1.0, 0.1, 1.0));
+    let places = floor_points([1.1, 1.6], [1.4, 2.4], 0.0, true);
+    let keeping = BakeParameters { rays_per_patch: 1024, buried_rays: 0, ..of_surfaces(1.0) };
+    let outcome = explained_by(&scene, keeping, &places, false);
+    assert_eq!(main_cause(&outcome), Cause::HiddenPoints);
+    let (served, reference, _) = means(&outcome);
+    assert!(served < 0.9 * reference, "the floor is too dark: {served} lx for {reference}");
+}
+
+/// Goal: a direction without a patch near by is named where others stand in for it. Method: places on a floor that face a
+/// bright wall far off; the floor's patches know what comes from above.
+#[test]
+fn a_direction_that_no_patch_near_by_has() {
+    let mut scene = Scene::default();
+    room(&mut scene, Vec3::ZERO, Vec3::new(4.0, 2.0, 4.0), 0.0);
+    quad(&mut scene, Vec3::new(0.01, 0.0, 0.0), Vec3::Y * 2.0, Vec3::Z * 4.0, material(0.0, 100.0));
+    let facing = Vec3::new(-0.9, 0.436, 0.0).normalize_or(Vec3::Y);
+    let places = floor_points([1.5, 1.0], [2.5, 3.0], 0.0, true).into_iter().map(|(at, _)| (at, facing));
+    let outcome = explained(&scene, 0.25, 1024, &places.collect::<Vec<_>>(), false);
+    assert_eq!(main_cause(&outcome), Cause::LookupFallback);
+    assert!(outcome.explained.iter().all(|point| point.served < point.reference));
+}
+
+/// Goal: where light in the air answers, its part of the error is named and the parts still add up. Method: a lamp above
+/// places in mid-air that look up at it, slanted.
+#[test]
+fn light_in_the_air_that_is_too_coarse() {
+    let mut scene = Scene::default();
+    room(&mut scene, Vec3::ZERO, Vec3::new(4.0, 4.0, 4.0), 0.0);
+    quad(&mut scene, Vec3::new(1.5, 3.9, 1.5), Vec3::X, Vec3::Z, material(0.5, 100.0));
+    let facing = Vec3::new(0.4, 0.8, 0.45).normalize_or(Vec3::Y);
+    let places = floor_points([1.2, 1.2], [2.8, 2.8], 2.9, true).into_iter().map(|(at, _)| (at, facing));
+    let parameters = BakeParameters { rays_per_patch: 1024, receiver_reach_voxels: 4, ..of_surfaces(0.5) };
+    let outcome = explained_by(&scene, parameters, &places.collect::<Vec<_>>(), false);
+    assert!(outcome.explained.iter().all(|point| point.evidence.in_air));
+    assert_eq!(main_cause(&outcome), Cause::Air);
+}
+
+/// A room lit by a lamp under its ceiling that touches a wall; a partition shades the other end.
+fn lamp_and_partition() -> Scene {
+    let mut scene = Scene::default();
+    room(&mut scene, Vec3::ZERO, Vec3::new(4.0, 2.0, 4.0), 0.0);
+    quad(&mut scene, Vec3::new(0.0, 1.98, 1.5), Vec3::X * 0.5, Vec3::Z, material(0.5, 100.0));
+    let partition = Material { double_sided: true, ..material(0.5, 0.0) };
+    quad(&mut scene, Vec3::new(3.2, 0.0, 0.0), Vec3::Z * 3.0, Vec3::Y * 2.0, partition);
+    scene
+}
+
+/// Two dozen places that `at` spreads over a surface.
+fn spread_over(at: impl Fn(f32, f32) -> Vec3, normal: Vec3) -> Vec<(Vec3, Vec3)> {
+    let pair = |index| unit_pair(hash(13, Purpose::MeasurePoint, index, 0));
+    (0..24).map(pair).map(|(u, v)| (at(u, v), normal)).collect()
+}
+
+/// Goal: a lamp that touches a wall is as right as others. Method: served light on the wall below it and on the ceiling
+/// beside it, against the path tracer.
+#[test]
+fn a_lamp_that_touches_a_wall() {
+    let scene = lamp_and_partition();
+    let below = spread_over(|u, v| Vec3::new(0.0, 1.0 + 0.9 * u, 1.5 + v), Vec3::X);
+    let beside = spread_over(|u, v| Vec3::new(0.05 + 0.4 * u, 2.0, 0.3 + v), Vec3::NEG_Y);
+    let parameters = BakeParameters { detail: 2, ..of_surfaces(0.25) };
+    let outcome = explained_by(&scene, parameters, &[below, beside].concat(), false);
+    for (name, points) in [("below", &outcome.explained[..24]), ("beside", &outcome.explained[24..])] {
+        let mut errors: Vec<f64> = points.iter().map(|p| (p.error() / p.reference).abs()).collect();
+        errors.sort_by(f64::total_cmp);
+        let sum = |of: fn(&Explained) -> f64| points.iter().map(of).sum::<f64>();
+        let (median, worst) = (errors[errors.len() / 2], errors[errors.len() - 1]);
+        let bias = sum(|p| p.served) / sum(|p| p.reference) - 1.0;
+        assert!(median < 0.06 && bias.abs() < 0.06 && worst < 0.5, "{name}: {median} {worst} {bias:+}");
+    }
+}
+
+/// Goal: little light leaks into a corner behind a partition. Method: what is served there too much, as a share of what lies
+/// on the floor before the partition, by the path tracer.
+#[test]
+fn a_dark_corner_behind_a_partition() {
+    let scene = lamp_and_partition();
+    let dark = spread_over(|u, v| Vec3::new(3.25 + 0.7 * u, 0.0, 0.05 + 0.5 * v), Vec3::Y);
+    let lit = spread_over(|u, v| Vec3::new(2.5 + 0.6 * u, 0.0, 0.05 + 0.5 * v), Vec3::Y);
+    let parameters = BakeParameters { detail: 2, ..of_surfaces(0.25) };
+    let outcome = explained_by(&scene, parameters, &[dark, lit].concat(), false);
+    let (dark, lit) = outcome.explained.split_at(24);
+    let mean = |points: &[Explained], of: fn(&Explained) -> f64| points.iter().map(of).sum::<f64>() / 24.0;
+    let (leaked, before) = (mean(dark, |p| p.error().abs()), mean(lit, |p| p.reference));
+    let reference = mean(dark, |p| p.reference);
+    assert!(leaked < 0.05 * before, "{leaked} lx leak to {reference}, {before} before the partition");
 }
 
 #[test]

@@ -2,9 +2,10 @@
 
 use super::explained;
 use super::measured::Measured;
-use crate::causes::{Cause, Explained};
+use crate::causes::Cause;
 use crate::output::out;
 use crate::scene_source::SceneSource;
+use anyhow::ensure;
 use earthshine_render::compare_points::beyond_factor_two;
 use earthshine_render::csv::ReferencePoint;
 use earthshine_world::Rgb;
@@ -22,8 +23,8 @@ pub(super) struct BeyondPoint {
     served: f64,
     /// Mean of the channels, lx.
     reference: f64,
-    /// What explains most of the error; absent where light in the air answers, which is not explained.
-    cause: Option<Cause>,
+    /// What explains most of the error.
+    cause: Cause,
 }
 
 /// Explains the points of `reference` at which `light` is beyond a factor of two.
@@ -37,14 +38,14 @@ pub(super) fn list(
     let indices = beyond_factor_two(reference, light);
     let points: Vec<ReferencePoint> = indices.iter().map(|&index| reference[index]).collect();
     let explained = explained(measured, source, &points, quiet)?;
-    let mean = |light: Rgb| light.as_dvec3().element_sum() / 3.0;
-    let beyond = indices.into_iter().zip(&points).enumerate().map(|(number, (point, at))| BeyondPoint {
+    ensure!(explained.len() == points.len(), "{} of {} points explained", explained.len(), points.len());
+    let beyond = indices.into_iter().zip(&explained).map(|(point, found)| BeyondPoint {
         point,
-        position: at.position.to_array(),
-        normal: at.normal.to_array(),
-        served: light[point].map_or(0.0, mean),
-        reference: mean(at.irradiance),
-        cause: explained.iter().find(|found| found.index == number).map(Explained::cause),
+        position: found.position.to_array(),
+        normal: found.normal.to_array(),
+        served: found.served,
+        reference: found.reference,
+        cause: found.cause(),
     });
     Ok(beyond.collect())
 }
@@ -55,7 +56,7 @@ pub(super) fn print(points: &[BeyondPoint]) {
     out!("{:>6} {:>26} {:>12} {:>12}  cause", "point", "position, m", "served", "reference");
     for BeyondPoint { point, position: [x, y, z], served, reference, cause, .. } in points {
         let position = format!("{x:.3},{y:.3},{z:.3}");
-        let why = cause.map_or("-".to_owned(), |cause| format!("{}: {}", cause.name(), cause.meaning()));
-        out!("{point:>6} {position:>26} {served:>12.4} {reference:>12.4}  {why}");
+        let (name, meaning) = (cause.name(), cause.meaning());
+        out!("{point:>6} {position:>26} {served:>12.4} {reference:>12.4}  {name}: {meaning}");
     }
 }
