@@ -309,8 +309,7 @@ fn global_rows(chunks: &[Chunk], first: &BTreeMap<ChunkId, u32>) -> anyhow::Resu
 
 impl WholeWorld {
     /// Largest relative error of exitance over all patches of a closed, uniform, emitting box: there `B = E / (1 - rho)`.
-    pub(crate) fn furnace_error(&self) -> f32 {
-        let light = self.solve(&LightRig::emission_only());
+    pub(crate) fn furnace_error(&self, light: &WholeLight) -> f32 {
         self.patches()
             .zip(light.direct_exitance.iter().zip(&light.irradiance))
             // Patches on the outside of the box emit nothing and see nothing.

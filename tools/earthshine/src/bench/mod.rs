@@ -23,6 +23,7 @@ mod matrix;
 mod moving_sphere;
 mod pictures;
 mod reference;
+mod refinement;
 mod scratch;
 mod temporal;
 mod tiles;
@@ -42,6 +43,7 @@ use serde::Serialize;
   earthshine bench estimators --scene town --targets 0.04,0.02 --markdown
   earthshine bench sphere --scene sponza.glb --lights sponza.lights.json --way '-8,1.5,0; 6,3,0.5'
   earthshine bench pictures cornell 'office.glb;voxel=0.25' --markdown
+  earthshine bench refinement --scene office.glb --markdown
   earthshine bench matrix --swaps 10000 --json
   earthshine bench gpu --json
   earthshine bench gpu --adapter llvmpipe --m 256 --json
@@ -68,6 +70,8 @@ enum Suite {
     Reference(reference::ReferenceArguments),
     /// Pictures of indirect light against the path tracer's: SSIM, PSNR, FLIP, bias.
     Pictures(pictures::PicturesArguments),
+    /// The screen-space method by rays a pixel, in its own right and over served light.
+    Refinement(refinement::RefinementArguments),
     /// Light on a sphere that moves through the air, against a path tracer.
     Sphere(moving_sphere::SphereArguments),
     /// Add and remove against a fresh solve; the time they take.
@@ -150,6 +154,7 @@ pub(crate) fn run(arguments: &BenchArguments) -> anyhow::Result<()> {
         Suite::Accuracy(suite) => accuracy::run(suite, arguments.json),
         Suite::Reference(suite) => reference::run(suite, arguments.json),
         Suite::Pictures(suite) => pictures::run(suite, arguments.json),
+        Suite::Refinement(suite) => refinement::run(suite, arguments.json),
         Suite::Sphere(suite) => moving_sphere::run(suite, arguments.json),
         Suite::Matrix(suite) => matrix::run(suite, arguments.json),
         Suite::Alias(suite) => alias::run(suite, arguments.json),

@@ -95,7 +95,7 @@ impl FromStr for Subject {
 }
 
 /// Added to the seed for pictures that are measured.
-const OWN_SEED: u64 = 0x5EED;
+pub(super) const OWN_SEED: u64 = 0x5EED;
 
 #[derive(Serialize)]
 struct Figures {
@@ -222,7 +222,8 @@ fn figures_of(
     })
 }
 
-fn picture(
+/// One picture under a progress bar.
+pub(super) fn picture(
     tracer: &SceneTracer<'_>,
     source: &SceneSource,
     options: &PictureOptions,

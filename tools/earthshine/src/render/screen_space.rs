@@ -17,7 +17,7 @@ use earthshine_world::Rgb;
 use std::path::Path;
 
 /// Where near ends, as a share of the scene's diagonal, unless told: about a voxel of a bake with some thousand patches.
-const RADIUS_SHARE: f32 = 0.03;
+pub(crate) const RADIUS_SHARE: f32 = 0.03;
 
 /// The same of served light, as a share of a voxel.
 pub(crate) const SERVED_RADIUS_VOXELS: f32 = 0.5;

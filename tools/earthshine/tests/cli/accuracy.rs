@@ -168,6 +168,44 @@ fn solvers_agree_and_a_device_needs_the_matrix() {
     accuracy(desk.path(), &["--backend", "gpu"]).fails(USAGE, &["--solver matrix"]);
 }
 
+/// Goal: the closed boxes print every figure that other scenes do, against their closed form, and take or refuse every
+/// option.
+#[test]
+fn furnaces_are_measured_at_points_and_refuse_what_has_no_meaning() {
+    let desk = desk();
+    let coarse = ["--voxel", "0.25", "--rays", "64", "--json"];
+    let furnace = |more: &[&str]| {
+        run(desk.path(), &[&["bench", "accuracy", "--scene", "furnace"][..], &coarse, more].concat())
+    };
+    fs::write(
+        desk.path().join("points.csv"),
+        "x,y,z,nx,ny,nz\n0.1,0,0.2,0,1,0\n0.1,1.2,-1,0,0,1\n9,9,9,0,1,0\n",
+    )
+    .expect("a scratch folder");
+    let found = furnace(&["--points", "points.csv", "--solver", "matrix"]).succeeds().json();
+    // Two boxes.
+    assert_eq!(
+        (&found["points"], &found["uncovered"], &found["solver"]),
+        (&4.into(), &2.into(), &"matrix".into())
+    );
+    let figure = |name: &str| found[name].as_f64().unwrap_or_else(|| panic!("{name}: {found}"));
+    for name in ["median_rel", "p90_rel", "p99_rel", "rel_rmse", "max_exitance_error_rel"] {
+        assert!(figure(name) > 0.0 && figure(name) < 0.05, "{name}: {found}");
+    }
+    assert!(figure("bias").abs() < 0.02, "{found}");
+    assert_eq!((figure("beyond_factor_two"), figure("reference_noise_rel")), (0.0, 0.0));
+    assert!(figure("patches") > 0.0 && figure("bake_seconds") > 0.0 && figure("world_bytes") > 0.0);
+    for (more, word) in [
+        (&["--reference", "points.csv"][..], "--reference"),
+        (&["--sweep", "voxel=1,0.5"], "--sweep"),
+        (&["--seeds", "2"], "--seeds"),
+        (&["--worst"], "--worst"),
+        (&["--backend", "gpu"], "--solver matrix"),
+    ] {
+        furnace(more).fails(USAGE, &[word]);
+    }
+}
+
 #[test]
 fn our_tracer_agrees_with_itself() {
     let desk = desk();
@@ -177,6 +215,29 @@ fn our_tracer_agrees_with_itself() {
     let found = run(desk.path(), &[&other[..], &["--seed", "2", "--json"]].concat()).succeeds().json();
     assert_eq!(found["points"], 20);
     assert!(found["within_three"].as_f64() >= Some(0.9), "{found}");
+}
+
+/// Goal: light on what moves through the air is never missing, never black, and does not jump. Method: a sphere on its way
+/// through the Cornell box; a step is the 32nd part of what it goes from frame to frame.
+#[test]
+fn a_moving_sphere_is_lit_without_gaps_and_jumps() {
+    let desk = desk();
+    let coarse = ["--scene", "cornell", "--voxel", "0.2", "--rays", "256", "--sphere-points", "16"];
+    let sphere =
+        |more: &[&str]| run(desk.path(), &[&["bench", "sphere", "--json"][..], &coarse, more].concat());
+    let traced = ["--noise", "0.1", "--reference-out", "sphere.csv"];
+    let found = sphere(&traced).succeeds().json();
+    let figure = |name: &str| found[name].as_f64().unwrap_or_else(|| panic!("{name}: {found}"));
+    assert_eq!((&found["points"], &found["uncovered"]), (&(32 * 16).into(), &0.into()));
+    assert_eq!(figure("black_share"), 0.0);
+    assert!(figure("step_change_max_rel") < 0.08, "{found}");
+    assert!(figure("frame_change_max_rel") < 1.1 * figure("reference_frame_change_max_rel"), "{found}");
+    assert!(figure("bias").abs() < 0.05 && figure("rel_rmse") < 0.35, "{found}");
+    // Without light in the air most of the way is dark.
+    let bare = sphere(&["--reference", "sphere.csv", "--receivers", "0"]).succeeds().json();
+    assert!(bare["black_share"].as_f64() > Some(0.3), "{bare}");
+    sphere(&["--reference", "sphere.csv", "--frames", "8"]).fails(OTHER, &["sphere.csv is of another way"]);
+    run(desk.path(), &["bench", "sphere", "--scene", "two-rooms"]).fails(OTHER, &["--way"]);
 }
 
 #[test]

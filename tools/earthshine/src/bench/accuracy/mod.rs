@@ -116,16 +116,16 @@ pub(super) struct Figures {
 
 /// Runs the suite.
 pub(crate) fn run(arguments: &AccuracyArguments, json: bool) -> anyhow::Result<()> {
-    if arguments.scene == "furnace" {
-        return furnace::run(&arguments.quality, json);
-    }
-    if let Some(path) = &arguments.report {
-        causes::check_path(path)?;
-    }
     if arguments.point_count == 0 && arguments.points.is_none() && arguments.reference.is_none() {
         return Err(WrongUse("--point-count 0 leaves nothing to compare: ask for 1 or more").into());
     }
     arguments.solving.check()?;
+    if arguments.scene == "furnace" {
+        return furnace::run(arguments, json);
+    }
+    if let Some(path) = &arguments.report {
+        causes::check_path(path)?;
+    }
     let started = Instant::now();
     let metals_black = arguments.quality.metals_black();
     let source = scene_source::load_generated(

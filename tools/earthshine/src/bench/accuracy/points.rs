@@ -21,22 +21,17 @@ pub(super) fn reference(
     source: &SceneSource,
     quiet: bool,
 ) -> anyhow::Result<Vec<ReferencePoint>> {
-    let places = arguments.points.as_deref().map(places).transpose()?;
     if let Some(path) = &arguments.reference {
         let reference = csv::read(path)?;
         ensure_some(path, reference.len())?;
-        return match (places, &arguments.points) {
-            (Some(places), Some(of)) => {
-                chosen(&places, &reference).with_context(|| format!("{} in {}", of.display(), path.display()))
-            }
-            _ => Ok(reference),
+        return match &arguments.points {
+            Some(of) => chosen(&read_places(of)?, &reference)
+                .with_context(|| format!("{} in {}", of.display(), path.display())),
+            None => Ok(reference),
         };
     }
+    let places = places(arguments, source)?;
     let tracer = source.tracer();
-    let places = places.unwrap_or_else(|| {
-        volume_light::random_places(&tracer, arguments.point_count, arguments.quality.seed)
-    });
-    ensure!(!places.is_empty(), "no point of {} sees out: name points with --points", source.name);
     let options = ReferenceOptions {
         seed: arguments.quality.seed,
         target_error_rel: arguments.noise,
@@ -45,7 +40,20 @@ pub(super) fn reference(
     Ok(reference_light::traced(&tracer, &source.lights, &places, &options, quiet))
 }
 
-fn places(path: &Path) -> anyhow::Result<Vec<(Vec3, Vec3)>> {
+/// Those of `--points`, or random ones.
+pub(super) fn places(
+    arguments: &AccuracyArguments,
+    source: &SceneSource,
+) -> anyhow::Result<Vec<(Vec3, Vec3)>> {
+    if let Some(path) = &arguments.points {
+        return read_places(path);
+    }
+    let places = volume_light::random_places(&source.tracer(), arguments.point_count, arguments.quality.seed);
+    ensure!(!places.is_empty(), "no point of {} sees out: name points with --points", source.name);
+    Ok(places)
+}
+
+fn read_places(path: &Path) -> anyhow::Result<Vec<(Vec3, Vec3)>> {
     let places = csv::read_places(path)?;
     ensure_some(path, places.len())?;
     Ok(places)
