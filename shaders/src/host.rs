@@ -36,6 +36,10 @@ impl GpuField for [u32; 2] {
     const WGSL: &'static str = "vec2<u32>";
 }
 
+impl GpuField for [f32; 2] {
+    const WGSL: &'static str = "vec2<f32>";
+}
+
 impl GpuField for [u32; 3] {
     const WGSL: &'static str = "vec3<u32>";
 }
@@ -127,6 +131,10 @@ gpu_structs! {
         voxel_slots: u32,
         /// A patch whose pivot is below it does not enter.
         pivot_min: f32,
+        /// What rays of fans meet nearer is near.
+        near_m: f32,
+        /// Fans whose rays are made.
+        fan_count: u32,
     }
 
     /// A patch in its slot; all zero in a free one.
@@ -289,19 +297,37 @@ gpu_structs! {
         distance_m: f32,
     }
 
+    /// Rays from one place over the hemisphere about a normal, by the cosine and consecutive pairs of a shifted R2 sequence.
+    RayFan {
+        /// m.
+        origin: [f32; 3],
+        /// Among those of all fans.
+        first_ray: u32,
+        /// Unit.
+        normal: [f32; 3],
+        /// Number of the first ray's pair.
+        first_pair: u32,
+        /// Of the sequence.
+        shift: [f32; 2],
+        /// Rays.
+        ray_count: u32,
+        /// Of no meaning.
+        spare: u32,
+    }
+
     /// A triangle as an end of rays.
     EndSide {
         /// Unit, of its front.
         normal: [f32; 3],
-        /// 1 where only the host can tell what a ray finds that meets it.
-        is_for_host: u32,
+        /// Of the limits `SIDE_`.
+        flags: u32,
         /// Of a ray, for the patch along each axis.
         parts: [u32; 3],
         /// Of no meaning.
         spare: u32,
     }
 
-    /// A slot of the table of voxels with patches; an empty one ends a search.
+    /// A slot of the table of voxels with patches or places left out; an empty one ends a search.
     EndVoxel {
         /// Which.
         voxel: [i32; 3],
@@ -309,8 +335,8 @@ gpu_structs! {
         is_taken: u32,
         /// Patches that face along each axis, or [`NO_KEY`](crate::limits::NO_KEY).
         along: [u32; 3],
-        /// Of no meaning.
-        spare_along: u32,
+        /// 1 where its patches left out places of sides with [`SIDE_LEFT_OUT`](crate::limits::SIDE_LEFT_OUT).
+        has_left_out: u32,
         /// Patches that face the other way.
         against: [u32; 3],
         /// Of no meaning.

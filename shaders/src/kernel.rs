@@ -341,9 +341,19 @@ kernel!(
     crate::limits::RAY_LANES
 );
 kernel!(
+    /// The rays of fans.
+    MAKE_RAYS = "make_rays", ["ray", "ray_fan"], [read("fans"), written("queries")]
+);
+kernel!(
+    /// What the rays of fans face.
+    FACE_FANS = "face_fans",
+    ["ray", "ray_fan", "end_side"],
+    [read("fans"), read("queries"), read("hits"), read("sides"), written("faced")]
+);
+kernel!(
     /// Where the rays of runs end.
     COUNT_ENDS = "count_ends",
-    ["draw", "ray"],
+    ["draw", "ray", "end_side"],
     [
         read("queries"),
         read("hits"),
@@ -456,6 +466,8 @@ pub const KERNELS: &[Kernel] = &[
     DRAW_ALIAS,
     DRAW_CDF,
     TRACE_CLOSEST,
+    MAKE_RAYS,
+    FACE_FANS,
     COUNT_ENDS,
     LIGHT_POINTS,
     SUM_LAMPS,

@@ -56,6 +56,12 @@ pub const KEY_SKY: u32 = 0xFFFF_FF00;
 pub const KEY_ABSORBED: u32 = 0xFFFF_FF06;
 /// No key, and no patch.
 pub const NO_KEY: u32 = u32::MAX;
+/// Of a side: only the host can tell what a ray finds that meets it.
+pub const SIDE_FOR_HOST: u32 = 1;
+/// Of a side: that is so in voxels that have left places out.
+pub const SIDE_LEFT_OUT: u32 = 2;
+/// Of a side: it has no back.
+pub const SIDE_TWO_SIDED: u32 = 4;
 /// A run that adds up all of its rays; less than this names a direction whose way they have to go.
 pub const SUM_WHOLE: u32 = 6;
 /// A run that adds up what ends on sides without patches.
@@ -90,6 +96,9 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("KEY_SKY", KEY_SKY),
     ("KEY_ABSORBED", KEY_ABSORBED),
     ("NO_KEY", NO_KEY),
+    ("SIDE_FOR_HOST", SIDE_FOR_HOST),
+    ("SIDE_LEFT_OUT", SIDE_LEFT_OUT),
+    ("SIDE_TWO_SIDED", SIDE_TWO_SIDED),
     ("SUM_WHOLE", SUM_WHOLE),
     ("SUM_ABSORBED", SUM_ABSORBED),
 ];

@@ -12,8 +12,8 @@ use earthshine_light::TreeLayout;
 use earthshine_light::tree_layout::{PlacedTriangle, Placement};
 use earthshine_radiosity::BackendError;
 use earthshine_shaders::host::{Pass, TreePlacement, TreeTriangle};
-use earthshine_shaders::kernel::TRACE_CLOSEST;
-use earthshine_shaders::limits::{RAY_LANES, TREE_STACK};
+use earthshine_shaders::kernel::{MAKE_RAYS, TRACE_CLOSEST};
+use earthshine_shaders::limits::{LANES, RAY_LANES, TREE_STACK};
 
 pub use earthshine_shaders::host::{RayHit, RayQuery};
 pub use earthshine_shaders::limits::NO_TRIANGLE;
@@ -90,6 +90,22 @@ impl GpuRays {
         })
     }
 
+    /// Room for as many rays beside these, against the same trees.
+    pub(crate) fn beside(&self) -> Result<Self, BackendError> {
+        let ray = |bytes: usize| self.device.buffer("rays", (bytes * self.rays_max) as u64, STORAGE);
+        Ok(Self {
+            device: self.device.clone(),
+            nodes: self.nodes.clone(),
+            placements: self.placements.clone(),
+            triangles: self.triangles.clone(),
+            queries: ray(size_of::<RayQuery>())?,
+            hits: ray(size_of::<RayHit>())?,
+            uniforms: uniform_buffer(&self.device)?,
+            timing: None,
+            rays_max: self.rays_max,
+        })
+    }
+
     /// Times every pass from now on; false where the device cannot.
     ///
     /// # Errors
@@ -135,6 +151,20 @@ impl GpuRays {
     pub(crate) fn trace(&mut self, queries: &[RayQuery]) -> Result<(), BackendError> {
         self.device.queue().write_buffer(&self.queries, 0, bytemuck::cast_slice(queries));
         self.dispatch(queries.len())
+    }
+
+    /// As [`Self::trace`], with the rays of the first `fan_count` of `fans`, which follow one another from ray 0 on.
+    pub(crate) fn trace_fans(
+        &mut self,
+        fans: &Buffer,
+        fan_count: usize,
+        count: usize,
+    ) -> Result<(), BackendError> {
+        let mut recorder = Recorder::new(&self.device, &self.uniforms, self.timing.as_mut());
+        let pass = Pass { entry_count: count as u32, fan_count: fan_count as u32, ..Pass::zeroed() };
+        recorder.dispatch(&MAKE_RAYS, &[fans, &self.queries], pass, folded((count as u32).div_ceil(LANES)));
+        recorder.submit()?;
+        self.dispatch(count)
     }
 
     fn dispatch(&mut self, count: usize) -> Result<(), BackendError> {

@@ -5,7 +5,11 @@ use crate::device::GpuDevice;
 use earthshine_radiosity::BackendError;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
+use std::time::{Duration, Instant};
 use wgpu::{Buffer, BufferUsages, CommandEncoder, MapMode, SubmissionIndex};
+
+/// After this long nobody is about to tell how a map went whose submission is done: the device is of no more use.
+const HEARD_WITHIN: Duration = Duration::from_secs(10);
 
 /// Whether a copy can be read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -62,6 +66,15 @@ impl Staging {
         }
     }
 
+    /// Waits until it is said how the map went, once its submission is done: another thread that polled the device meanwhile
+    /// may have taken the news, and be about to tell it.
+    pub(crate) fn hear(&self, device: &GpuDevice) {
+        let begun = Instant::now();
+        while self.arrival() == Arrival::Coming && device.check().is_ok() && begun.elapsed() < HEARD_WITHIN {
+            std::thread::yield_now();
+        }
+    }
+
     /// Hands the first `bytes` bytes, which were mapped, to `read`.
     ///
     /// # Errors
@@ -103,6 +116,7 @@ pub(crate) fn read_now(
     let submission = device.queue().submit([encoder.finish()]);
     staging.map(device, what, bytes);
     device.wait(what, submission)?;
+    staging.hear(device);
     let mut out = Vec::new();
     staging.take(device, bytes, |view| out.extend_from_slice(view))?;
     Ok(out)

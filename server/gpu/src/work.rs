@@ -22,6 +22,7 @@ pub struct Work {
 pub fn unknown(name: &str) -> Option<&'static str> {
     match name {
         "trace_closest" | "light_points" => Some("which nodes of the trees rays visit is not counted"),
+        "face_fans" => Some("how many rays fans have is theirs to say"),
         "count_ends" => Some("how many keys the ends of rays have is found on the device"),
         "take_shooters" | "shoot_links" => Some("who shoots is decided on the device"),
         _ => None,
@@ -48,6 +49,8 @@ pub(crate) fn work(kernel: &Kernel, pass: &Pass, items: u64) -> Option<Work> {
     };
     let is_shot = pass.is_shot != 0;
     match kernel.name {
+        // Its fan; what is known of it.
+        "make_rays" => each(20.0 * NUMBER, 80.0),
         // Patch, own light, irradiance, unshot; what leaves.
         "send_light" => each(5.0 * LIGHT, 12.0),
         "send_rest" => each(4.0 * LIGHT, 8.0),

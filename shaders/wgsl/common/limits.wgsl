@@ -33,6 +33,10 @@ const KEY_UNKNOWN: u32 = 0xFFFF0000u;
 const KEY_SKY: u32 = 0xFFFFFF00u;
 const KEY_ABSORBED: u32 = 0xFFFFFF06u;
 const NO_KEY: u32 = 0xFFFFFFFFu;
+// Of a side: only the host can tell what a ray finds that meets it; in voxels that have left places out; it has no back.
+const SIDE_FOR_HOST: u32 = 1u;
+const SIDE_LEFT_OUT: u32 = 2u;
+const SIDE_TWO_SIDED: u32 = 4u;
 // What a run adds up, other than the rays that go one direction's way.
 const SUM_WHOLE: u32 = 6u;
 const SUM_ABSORBED: u32 = 7u;

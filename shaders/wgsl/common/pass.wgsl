@@ -24,6 +24,8 @@ struct Pass {
     off_surface_m: f32,     // 84  how far before a side the voxel of a ray's end is looked up
     voxel_slots: u32,       // 88  of the table of voxels: a power of two
     pivot_min: f32,         // 92  a patch whose pivot is below it does not enter
-}                           // 96
+    near_m: f32,            // 96  what rays of fans meet nearer is near
+    fan_count: u32,         // 100 fans whose rays are made
+}                           // 104
 
 @group(0) @binding(0) var<uniform> pass_of: Pass;

@@ -7,6 +7,9 @@ struct RayQuery {
     distance_max_m: f32,     // 28
 }                            // 32
 
+// Rays begin this far behind their origin, m, and count from the origin on.
+const RUN_UP_M: f32 = 2e-4;
+
 struct RayHit {
     triangle: u32,           //  0  number of the triangle, or NO_TRIANGLE
     distance_m: f32,         //  4

@@ -2,20 +2,12 @@
 // One workgroup a run; integers only, so that the sums do not hang on the order.
 // CPU twin: `trace::ends::count_ends`.
 
-// A triangle as an end of rays.
-struct EndSide {
-    normal: vec3<f32>,       //  0  of its front
-    is_for_host: u32,        // 12  1 where only the host can tell what a ray finds that meets it
-    parts: vec3<u32>,        // 16  of a ray, for the patch along each axis
-    spare: u32,              // 28
-}                            // 32
-
-// A slot of the table of voxels with patches; an empty one ends a search.
+// A slot of the table of voxels with patches or places left out; an empty one ends a search.
 struct EndVoxel {
     voxel: vec3<i32>,        //  0
     is_taken: u32,           // 12
     along: vec3<u32>,        // 16  patches that face along each axis, or NO_KEY
-    spare_along: u32,        // 28
+    has_left_out: u32,       // 28  1 where its patches left out places of sides with SIDE_LEFT_OUT
     against: vec3<u32>,      // 32  patches that face the other way
     spare_against: u32,      // 44
 }                            // 48
@@ -81,11 +73,16 @@ fn voxel_slot(voxel: vec3<i32>) -> u32 {
     return slot;
 }
 
-fn add_surface(side: EndSide, query: RayQuery, distance: f32, weight: f32, sum: u32) {
-    let normal = select(-side.normal, side.normal, dot(side.normal, query.direction) < 0.0);
+// Whether it is known here who takes the ray.
+fn add_surface(side: EndSide, query: RayQuery, distance: f32, weight: f32, sum: u32) -> bool {
+    let normal = select(-side.normal, side.normal, is_front(side, query.direction));
     let position = query.origin + query.direction * distance;
     let before = position + normal * pass_of.off_surface_m;
     let slot = voxel_slot(vec3<i32>(floor(before / pass_of.voxel_edge_m)));
+    let is_left_out = has_flag(side, SIDE_LEFT_OUT) && voxels[slot].has_left_out != 0u;
+    if has_flag(side, SIDE_FOR_HOST) || is_left_out {
+        return false;
+    }
     let facing = select(voxels[slot].along, voxels[slot].against, normal < vec3<f32>(0.0));
     let owners = select(vec3<u32>(NO_KEY), facing, voxels[slot].is_taken != 0u);
     let weighed = vec3<u32>(vec3<f32>(side.parts) * weight + 0.5);
@@ -96,6 +93,7 @@ fn add_surface(side: EndSide, query: RayQuery, distance: f32, weight: f32, sum: 
             add_part(owners[axis], weighed[axis]);
         }
     }
+    return true;
 }
 
 fn add_sky(direction: vec3<f32>, weight: f32) {
@@ -119,10 +117,8 @@ fn add_ray(run: EndRun, place: u32) {
         }
         return;
     }
-    let side = sides[hit.triangle];
-    if side.is_for_host == 0u {
-        add_surface(side, query, hit.distance_m, weight, run.sum);
-    } else if run.sum >= 6u {
+    let is_known = add_surface(sides[hit.triangle], query, hit.distance_m, weight, run.sum);
+    if !is_known && run.sum >= 6u {
         add_part(KEY_UNKNOWN + place, 1u);
     }
 }

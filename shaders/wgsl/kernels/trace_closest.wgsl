@@ -7,7 +7,6 @@
 // Boxes that begin this share of a hit's distance behind it, and this far, are still looked into: what is as near as the
 // hit may lie in one.
 const TIE_ROOM: f32 = 2e-6;
-const RUN_UP_M: f32 = 2e-4;
 
 var<private> closest: RayHit;
 var<private> distance_min_m: f32;

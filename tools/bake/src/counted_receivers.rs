@@ -4,8 +4,8 @@ use crate::inquiry::{Inquiry, Question};
 use crate::receiver_places::Candidate;
 use crate::receivers::{FIRST_RAYS, ReceiverBake};
 use crate::rows::{RawRow, RayEnd};
-use earthshine_trace::Query;
 use earthshine_trace::ends::{RAY_PARTS, RUN_RAYS_MAX, RunEnds, RunSum};
+use earthshine_trace::{Query, Rays};
 use earthshine_world::{Direction, Vec3};
 
 /// A voxel that asks for the ends of its rays.
@@ -50,7 +50,7 @@ impl Inquiry for ReceiverInquiry<'_> {
         let (origin, distance_max) = (self.candidate.place, f32::INFINITY);
         let directions = self.bake.directions(self.candidate.voxel);
         let rays = directions.map(|direction| Query { origin, direction, distance_max }).collect();
-        let mut question = Question { rays, runs: Vec::new() };
+        let mut question = Question { rays: Rays::Made(rays), runs: Vec::new() };
         question.sum(0, FIRST_RAYS, RunSum::Absorbed);
         question.sum(0, self.rays(), RunSum::Absorbed);
         for direction in self.open() {

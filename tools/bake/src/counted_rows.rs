@@ -5,8 +5,8 @@ use crate::inquiry::{Inquiry, Question};
 use crate::patches::BakePatch;
 use crate::rows::{RawRow, RowCaster};
 use crate::spread::Spread;
-use earthshine_trace::Query;
 use earthshine_trace::ends::{RUN_RAYS_MAX, RunEnds, RunSum};
+use earthshine_trace::{Query, Rays};
 use std::ops::Range;
 
 /// How many rays a row takes.
@@ -66,8 +66,11 @@ impl Inquiry for RowInquiry<'_> {
                 let (origin, direction) = self.caster.ray(self.source, &self.spread, &run, ray);
                 Query { origin, direction, distance_max: f32::INFINITY }
             };
-            let first = question.rays.len() as u32;
-            question.rays.extend(run.clone().map(query));
+            let first = question.rays.count() as u32;
+            question.rays.append(match self.spread.shift() {
+                Some(shift) => Rays::Fans(self.caster.fans(self.source, shift, &run)),
+                None => Rays::Made(run.clone().map(query).collect()),
+            });
             question.sum(first, run.len() as u32, RunSum::Whole);
         }
         question
@@ -101,7 +104,7 @@ mod tests {
     use crate::progress::Silent;
     use crate::test_shapes::boxed;
     use earthshine_scene::Scene;
-    use earthshine_tiles::BakeParameters;
+    use earthshine_tiles::{BakeParameters, RaySpread};
     use earthshine_trace::SceneTracer;
     use earthshine_trace::ends::count_ends;
     use earthshine_world::{Grid, Vec3};
@@ -133,10 +136,13 @@ mod tests {
     fn rows_of_counted_ends_are_those_of_the_cpu() {
         let scene = scene();
         let tracer = SceneTracer::new(&scene);
-        for (rays, row_error) in [(1, 0.0), (512, 0.0), (1300, 0.0), (1, 0.03)] {
+        let spreads = [RaySpread::R2, RaySpread::R2, RaySpread::R2, RaySpread::R2, RaySpread::Sobol];
+        let counts = [(1, 0.0), (512, 0.0), (1300, 0.0), (1, 0.03), (600, 0.0)];
+        for ((rays, row_error), spread) in counts.into_iter().zip(spreads) {
             let grid = Grid { voxel_edge_m: 0.8, chunk_edge_voxels: 4 };
             let mut parameters = BakeParameters { grid, rays_per_patch: rays, ..BakeParameters::default() };
             parameters.method.row_error = row_error;
+            parameters.method.spread = spread;
             let surfaces = Builder { tracer: &tracer, parameters: &parameters }.surfaces(&Silent);
             let places = end_places(&scene, &surfaces.set, &parameters);
             let estimator = Estimator::with_factor(RowCaster::of_world(&tracer, &surfaces, &parameters), 1);
@@ -145,7 +151,7 @@ mod tests {
                 let mut inquiry = estimator.inquiry(index);
                 let counted = loop {
                     let question = inquiry.ask();
-                    let ends = count_ends(&tracer, &places, &question.rays, &question.runs);
+                    let ends = count_ends(&tracer, &places, &question.rays.queries(), &question.runs);
                     returned += ends.iter().map(|run| run.unknown.len()).sum::<usize>();
                     questions += 1;
                     if let Some(row) = inquiry.hear(&ends) {

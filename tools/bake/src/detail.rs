@@ -8,20 +8,23 @@
 //! Few rays find a lamp by chance. So patches that emit cast theirs towards detail voxels too (`emitted`), and
 //! both estimates are averaged by what they vary (`with_emitters`). Long rows are thinned as those in the air are.
 
+use crate::counted_rows::{RayPlan, RowInquiry};
 use crate::detail_exposure;
 use crate::emitted::FromEmitter;
 use crate::estimator::emits;
+use crate::inquiry::{Inquiry, Question};
 use crate::layers::layers_of;
 use crate::patches::{BakePatch, PatchSet};
-use crate::receivers::{BakeReceiver, thin};
+use crate::receivers::thin;
 use crate::rows::{RawRow, RowCaster};
 use crate::sample::{SurfaceSample, voxel_of};
 use crate::spread::Spread;
 use earthshine_tiles::BakeParameters;
+use earthshine_trace::ends::RunEnds;
 use earthshine_world::random::{Purpose, hash, unit_f32};
 use earthshine_world::{DetailVoxel, Direction, Patch, ReceiverPlace, SurfacePlane, Vec3, VoxelCoord};
 use glam::IVec3;
-use rayon::prelude::*;
+use xxhash_rust::xxh3::xxh3_64;
 
 /// The detail voxel that a place on a surface belongs to, in the grid of detail voxels: one of `voxel`, even if the place
 /// lies a hair outside of it.
@@ -45,45 +48,63 @@ pub(crate) fn detail_id(at: VoxelCoord, direction: Direction, parameters: &BakeP
 }
 
 /// Traces the detail of one chunk.
-#[derive(Debug)]
-pub struct DetailBake<'a> {
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct DetailBake<'a> {
     /// Casts rays that begin on the chunk's surfaces and end on patches.
-    pub caster: RowCaster<'a>,
+    pub(crate) caster: RowCaster<'a>,
     /// Rays of an emitter towards detail voxels.
-    pub emitter_rays: u32,
+    pub(crate) emitter_rays: u32,
+    /// What patches that emit see of the chunk, ascending by detail voxel, then patch.
+    pub(crate) emitted: &'a [FromEmitter],
 }
 
-impl DetailBake<'_> {
-    /// The receivers of the chunk's surfaces, ascending by place, and how many rays that took. `emitted` is what patches
-    /// that emit see of them, ascending by detail voxel, then patch.
-    pub(crate) fn receivers(&self, chunk: [i32; 3], emitted: &[FromEmitter]) -> (Vec<BakeReceiver>, u64) {
-        let (samples, parts) = self.parts(chunk);
-        let caster = RowCaster { samples: &samples, ..self.caster };
-        // Layers of one detail voxel and direction lie side by side.
-        let is_same = |a: &BakePatch, b: &BakePatch| {
-            (a.patch.voxel, a.patch.direction) == (b.patch.voxel, b.patch.direction)
-        };
-        let runs: Vec<&[BakePatch]> = parts.patches.chunk_by(is_same).collect();
-        let mut receivers: Vec<BakeReceiver> = runs
-            .par_iter()
-            .flat_map_iter(|layers| {
-                let of_part = emitted_to(emitted, &layers[0], self.caster.parameters);
-                // What emitters say is said of the detail voxel as a whole.
-                let emitted = (layers.len() == 1).then_some(of_part);
-                let row = |(layer, part)| {
-                    let place = self.place(part, layer, &samples)?;
-                    Some(BakeReceiver { place, row: self.row(&caster, part, emitted) })
-                };
-                (0u8..).zip(*layers).filter_map(row).collect::<Vec<_>>()
-            })
-            .collect();
-        receivers.sort_by_key(|receiver| receiver.place.order());
-        let cast = receivers.len() as u64 * u64::from(self.caster.parameters.detail_rays);
-        (receivers, cast)
+/// What a chunk's surfaces make up in its detail voxels.
+#[derive(Debug)]
+pub(crate) struct ChunkDetail {
+    /// In detail voxels.
+    pub(crate) samples: Vec<SurfaceSample>,
+    /// Changes with their exposures: rays decided some of them.
+    pub(crate) exposures: u64,
+    /// Ascending by place.
+    pub(crate) parts: Vec<DetailPart>,
+}
+
+/// A layer of what faces one direction in a detail voxel: a receiver.
+#[derive(Debug)]
+pub(crate) struct DetailPart {
+    pub(crate) place: ReceiverPlace,
+    part: BakePatch,
+    /// Whether other layers share its detail voxel and direction.
+    is_one_of_several: bool,
+}
+
+/// A part that asks a device for the ends of its rays.
+#[derive(Debug)]
+pub(crate) struct PartInquiry<'a> {
+    bake: DetailBake<'a>,
+    of: &'a DetailPart,
+    row: RowInquiry<'a>,
+}
+
+impl Inquiry for PartInquiry<'_> {
+    type Made = RawRow;
+
+    fn ray_count(&self) -> usize {
+        self.row.ray_count()
     }
 
-    /// The chunk's samples, and what they make up in each of its detail voxels.
-    fn parts(&self, chunk: [i32; 3]) -> (Vec<SurfaceSample>, PatchSet) {
+    fn ask(&mut self) -> Question {
+        self.row.ask()
+    }
+
+    fn hear(&mut self, ends: &[RunEnds]) -> Option<RawRow> {
+        self.row.hear(ends).map(|row| self.bake.finished(row, self.of))
+    }
+}
+
+impl<'a> DetailBake<'a> {
+    /// The receivers of `chunk`, without rows.
+    pub(crate) fn parts(&self, chunk: [i32; 3]) -> ChunkDetail {
         let parameters = self.caster.parameters;
         let is_own = |sample: &&SurfaceSample| parameters.grid.chunk_of(sample.voxel).to_array() == chunk;
         let in_detail = |sample: &SurfaceSample| {
@@ -93,21 +114,59 @@ impl DetailBake<'_> {
         let mut samples: Vec<SurfaceSample> =
             self.caster.samples.iter().filter(is_own).map(in_detail).collect();
         detail_exposure::expose(&mut samples, &self.caster);
-        let parameters = parameters.of_detail_voxels();
-        let parts = PatchSet::of_layers(&samples, &layers_of(&samples, &parameters), &parameters);
-        (samples, parts)
+        let of_detail = parameters.of_detail_voxels();
+        let found = PatchSet::of_layers(&samples, &layers_of(&samples, &of_detail), &of_detail);
+        // Layers of one detail voxel and direction lie side by side.
+        let is_same = |a: &BakePatch, b: &BakePatch| {
+            (a.patch.voxel, a.patch.direction) == (b.patch.voxel, b.patch.direction)
+        };
+        let mut parts = Vec::new();
+        for layers in found.patches.chunk_by(is_same) {
+            let is_one_of_several = layers.len() > 1;
+            let part = |(layer, part): (u8, &BakePatch)| {
+                let place = self.place(part, layer, &samples)?;
+                Some(DetailPart { place, part: part.clone(), is_one_of_several })
+            };
+            parts.extend((0..).zip(layers).filter_map(part));
+        }
+        parts.sort_by_key(|part| part.place.order());
+        let exposures: Vec<f32> = samples.iter().map(|sample| sample.exposure.word()).collect();
+        ChunkDetail { exposures: xxh3_64(bytemuck::cast_slice(&exposures)), samples, parts }
     }
 
-    /// The row of `part`: other random numbers than those of the patch with the same coordinates.
-    fn row(&self, caster: &RowCaster<'_>, part: &BakePatch, emitted: Option<&[FromEmitter]>) -> RawRow {
-        let BakeParameters { seed, detail_rays, detail_columns, method, .. } = *caster.parameters;
-        let spread = Spread::new(method.spread, detail_rays, seed, !part.key);
-        let mut row = caster.cast(part, &spread, 0..detail_rays);
-        if let Some(emitted) = emitted {
-            self.with_emitters(&mut row, part.patch.area, emitted);
+    /// The row of `of`, which is made of the caster's samples.
+    pub(crate) fn row(&self, of: &DetailPart) -> RawRow {
+        let row = self.caster.cast(&of.part, &self.spread(of), 0..self.rays());
+        self.finished(row, of)
+    }
+
+    /// The same for a device to count the ends of.
+    pub(crate) fn inquiry(&self, of: &'a DetailPart) -> PartInquiry<'a> {
+        let (spread, plan) = (self.spread(of), RayPlan::Fixed(self.rays()));
+        let row = RowInquiry { caster: self.caster, source: &of.part, spread, plan };
+        PartInquiry { bake: *self, of, row }
+    }
+
+    fn rays(&self) -> u32 {
+        self.caster.parameters.detail_rays
+    }
+
+    /// Other random numbers than those of the patch with the same coordinates.
+    fn spread(&self, of: &DetailPart) -> Spread {
+        let BakeParameters { seed, detail_rays, method, .. } = *self.caster.parameters;
+        Spread::new(method.spread, detail_rays, seed, !of.part.key)
+    }
+
+    /// What becomes of the `row` that rays of `of` say: with what emitters say, and no longer than it may be.
+    fn finished(&self, mut row: RawRow, of: &DetailPart) -> RawRow {
+        let BakeParameters { seed, detail_columns, .. } = *self.caster.parameters;
+        // What emitters say is said of the detail voxel as a whole.
+        if !of.is_one_of_several {
+            let emitted = emitted_to(self.emitted, &of.part, self.caster.parameters);
+            self.with_emitters(&mut row, of.part.patch.area, emitted);
         }
-        let draw = unit_f32(hash(seed, Purpose::ReceiverRay, !part.key, 0));
-        thin(&mut row.entries, detail_columns as usize, draw, |patch| emits(caster.set, patch as usize));
+        let draw = unit_f32(hash(seed, Purpose::ReceiverRay, !of.part.key, 0));
+        thin(&mut row.entries, detail_columns as usize, draw, |patch| emits(self.caster.set, patch as usize));
         row
     }
 
@@ -142,7 +201,7 @@ impl DetailBake<'_> {
 
     /// How much the own rays of a part count beside those of emitter `patch`.
     fn own_weight(&self, area: f32, patch: u32) -> f32 {
-        let own = self.caster.parameters.detail_rays as f32;
+        let own = self.rays() as f32;
         let theirs = self.emitter_rays as f32 * area / self.area(patch);
         own / (own + theirs)
     }

@@ -1,19 +1,21 @@
 //! The stage that traces detail, chunk by chunk ([`crate::detail`]). What it comes to stays in the work folder:
 //!
-//! │ receivers u32 │ place: voxel 3 x i32, direction u8, layer u8, detail voxel u16, plane 3 x u8, 0 │ run: bytes u32, rows as in row files │
+//! │ exposures u64 │ receivers u32 │ place: voxel 3 x i32, direction u8, layer u8, detail voxel u16, plane 3 x u8, 0 │ run: bytes u32, rows as in row files │
 //!
 //! A run has [`RUN_ROWS`] rows, the last one what is left.
 
 use crate::BakeError;
-use crate::cells::Seen;
-use crate::detail::DetailBake;
+use crate::changes::Changes;
+use crate::detail::{ChunkDetail, DetailBake, DetailPart};
 use crate::emitted::{EmittedFiles, emitter_rays};
-use crate::eye::Eye;
+use crate::eye::{Answer, Eye, Probe};
+use crate::inquiry::count_all;
+use crate::kept_rows::{Kept, Renewal};
 use crate::patches::PatchSet;
 use crate::progress::Stage;
 use crate::receivers::BakeReceiver;
-use crate::row_files;
-use crate::rows::RawRow;
+use crate::row_files::{self, FoundRows, RowIndex};
+use crate::rows::{RawRow, RowCaster};
 use crate::shard::for_all;
 use crate::stages::{Known, Run};
 use crate::tracing::caster;
@@ -26,7 +28,7 @@ use xxhash_rust::xxh3::xxh3_64;
 /// Rows are numbered by `u16` in row files.
 const RUN_ROWS: usize = 1 << 16;
 /// Which way of making and writing receivers: what was kept by another is of no use.
-const PAYLOAD_VERSION: u64 = 3;
+const PAYLOAD_VERSION: u64 = 4;
 /// Bytes of a place.
 const PLACE_BYTES: usize = 20;
 
@@ -51,27 +53,35 @@ pub(crate) fn trace(run: &mut Run<'_>, known: &Known<'_>) -> Result<(), BakeErro
         run.progress.advance(set.chunks[&chunk].len() as u64);
         let (emitted, hash) = emitted.towards(run, known, chunk)?;
         let own = xxh3_64(bytemuck::bytes_of(&[known.identities[&chunk], hash]));
-        let now = Stamp { key, own, ..Stamp::default() };
-        let kept = run.files.work.read(Kind::Details, 0, chunk);
-        let stale = match &kept {
-            None => Stale::Absent,
-            Some((stamp, payload)) => match stamp.staleness(&now, &known.cells) {
-                None => match decode(payload, set, &parameters.grid) {
-                    Some(kept) => return Ok((chunk, None, (kept.len(), 0))),
-                    None => Stale::Absent,
-                },
-                Some(stale) => stale,
-            },
-        };
-        let seen = Seen::nothing(&known.cells);
+        let now = Stamp { key, own, state: known.states.now, ..Stamp::default() };
+        let mut before = (0, Vec::new());
+        let kept = Kept::of(run, known, (Kind::Details, chunk), &now, |payload| {
+            let (exposures, places, rows) = decode_found(payload, set, &parameters.grid)?;
+            before = (exposures, places);
+            Some(rows)
+        });
+        if matches!(kept, Kept::All(_)) {
+            return Ok((chunk, None, (before.1.len(), 0)));
+        }
         let surfaces = known.source.of(chunk, set)?;
-        let caster = caster(run, known, &surfaces, Eye::noting(known.tracer, &seen));
-        let (receivers, cast) = DetailBake { caster, emitter_rays }.receivers(chunk, &emitted);
-        let stamp = Stamp { seen: seen.list(), ..now };
-        let made = (receivers.len(), cast);
-        let payload = encode(receivers, set, &parameters.grid);
-        run.files.work.write(Kind::Details, 0, chunk, &stamp, &payload)?;
-        Ok((chunk, Some(stale), made))
+        let caster = caster(run, known, &surfaces, known.tracer.into());
+        let whole = DetailBake { caster, emitter_rays, emitted: &emitted };
+        let ChunkDetail { samples, exposures, parts } = whole.parts(chunk);
+        let places: Vec<ReceiverPlace> = parts.iter().map(|part| part.place).collect();
+        let kept = match kept {
+            Kept::Earlier(..) if (before.0, &before.1) != (exposures, &places) => Kept::Nothing(Stale::Own),
+            kept => kept,
+        };
+        let bake = DetailBake { caster: RowCaster { samples: &samples, ..caster }, ..whole };
+        let renewal = renewed(known, &bake, &parts, kept);
+        let cast = renewal.is_new.iter().filter(|is_new| **is_new).count() as u64
+            * u64::from(parameters.detail_rays);
+        let made = (parts.len(), cast);
+        if renewal.index.is_none() || known.states.renew_all {
+            let payload = encode(exposures, &places, &renewal.rows, (set, &parameters.grid));
+            run.files.work.write(Kind::Details, 0, chunk, &now, &payload)?;
+        }
+        Ok((chunk, renewal.stale, made))
     })?;
     run.summary.detail_rays = emitter_cast;
     for (chunk, stale, (receivers, cast)) in done {
@@ -81,6 +91,23 @@ pub(crate) fn trace(run: &mut Run<'_>, known: &Known<'_>) -> Result<(), BakeErro
     }
     run.end(Stage::Detail);
     Ok(())
+}
+
+/// The rows of `parts`, of which `kept` are there.
+fn renewed(known: &Known<'_>, bake: &DetailBake<'_>, parts: &[DetailPart], kept: Kept) -> Renewal {
+    let trace = |wanted: &[usize]| {
+        let inquiry = |part: usize| bake.inquiry(&parts[part]);
+        let on_cpu = |part: usize| bake.row(&parts[part]);
+        let rows = count_all(known.offload, wanted, inquiry, on_cpu, &|| ());
+        rows.into_iter().map(|row| vec![row]).collect()
+    };
+    let is_concerned = |part: usize, _: &[RawRow], changes: &Changes| {
+        let probe = Probe::new(changes, Answer::Sky);
+        let caster = RowCaster { tracer: Eye::asking(known.tracer, &probe), ..bake.caster };
+        drop(DetailBake { caster, ..*bake }.row(&parts[part]));
+        probe.is_concerned()
+    };
+    kept.renewed((parts.len(), 1), is_concerned, trace)
 }
 
 /// The detail of `chunk` that [`trace`] has put into the work folder, ascending by place.
@@ -97,18 +124,22 @@ pub(crate) fn read(
         .ok_or(BakeError::WorkChanged { chunk })
 }
 
-fn encode(receivers: Vec<BakeReceiver>, set: &PatchSet, grid: &Grid) -> Vec<u8> {
+fn encode(
+    exposures: u64,
+    places: &[ReceiverPlace],
+    rows: &[RawRow],
+    (set, grid): (&PatchSet, &Grid),
+) -> Vec<u8> {
     let mut out = Writer::default();
-    out.u32(receivers.len() as u32);
-    let mut rows = Vec::with_capacity(receivers.len());
-    for BakeReceiver { place, row } in receivers {
+    out.u64(exposures);
+    out.u32(rows.len() as u32);
+    for place in places {
         let DetailVoxel { index, layer, plane } = place.detail.expect("detail is of detail voxels");
         let ([low, high], [x, y]) = (index.to_le_bytes(), plane.normal);
         out.i32s(place.voxel.to_array());
         out.u32s(
             [[place.direction as u8, layer, low, high], [x, y, plane.distance, 0]].map(u32::from_le_bytes),
         );
-        rows.push(row);
     }
     for run in rows.chunks(RUN_ROWS) {
         let payload = row_files::encode(run, set, grid);
@@ -119,7 +150,15 @@ fn encode(receivers: Vec<BakeReceiver>, set: &PatchSet, grid: &Grid) -> Vec<u8> 
 }
 
 fn decode(payload: &[u8], set: &PatchSet, grid: &Grid) -> Option<Vec<BakeReceiver>> {
+    let (_, places, found) = decode_found(payload, set, grid)?;
+    let receivers = places.into_iter().zip(found.rows).map(|(place, row)| BakeReceiver { place, row });
+    (!found.has_lost.contains(&true)).then(|| receivers.collect())
+}
+
+/// The hash of exposures, places and their rows, without entries whose patches are gone; the index is of no use.
+fn decode_found(payload: &[u8], set: &PatchSet, grid: &Grid) -> Option<(u64, Vec<ReceiverPlace>, FoundRows)> {
     let mut reader = Reader(payload);
+    let exposures = reader.u64()?;
     let count = reader.count(PLACE_BYTES)?;
     let place = |reader: &mut Reader<'_>| {
         let voxel = VoxelCoord::from_array(reader.i32s()?);
@@ -130,13 +169,14 @@ fn decode(payload: &[u8], set: &PatchSet, grid: &Grid) -> Option<Vec<BakeReceive
         Some(ReceiverPlace { voxel, direction, detail: Some(DetailVoxel { index, layer, plane }) })
     };
     let places = (0..count).map(|_| place(&mut reader)).collect::<Option<Vec<_>>>()?;
-    let mut rows: Vec<RawRow> = Vec::with_capacity(count);
+    let (mut rows, mut has_lost) = (Vec::with_capacity(count), Vec::with_capacity(count));
     for run in places.chunks(RUN_ROWS) {
         let bytes = reader.u32()? as usize;
         let (part, rest) = reader.0.split_at_checked(bytes)?;
         reader.0 = rest;
-        rows.extend(row_files::decode(part, run.len(), set, grid)?.0);
+        let found = row_files::decode_found(part, run.len(), set, grid)?;
+        rows.extend(found.rows);
+        has_lost.extend(found.has_lost);
     }
-    let receivers = places.into_iter().zip(rows).map(|(place, row)| BakeReceiver { place, row });
-    reader.is_empty().then(|| receivers.collect())
+    reader.is_empty().then_some((exposures, places, FoundRows { rows, has_lost, index: RowIndex::default() }))
 }

@@ -12,6 +12,8 @@ use crate::cells::Seen;
 use crate::detail::{detail_id, detail_voxel_of};
 use crate::estimator::{emits, emitter_factor};
 use crate::eye::Eye;
+use crate::inquiry::QUESTION_RAYS;
+use crate::offload::Offload;
 use crate::patches::PatchSet;
 use crate::rows::{RAY_OFFSET, RowCaster};
 use crate::sample::{side_weights, voxel_of};
@@ -23,6 +25,7 @@ use crate::words::{Reader, Writer};
 use crate::work_folder::{Kind, Stamp};
 use earthshine_tiles::{BakeMethod, BakeParameters};
 use earthshine_trace::hemisphere::cosine_direction;
+use earthshine_trace::{Hit, Query};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -85,7 +88,7 @@ impl EmittedFiles {
             let emitters: Vec<u32> =
                 set.chunks[&chunk].clone().filter(|&patch| emits(set, patch as usize)).collect();
             let cast = emitters.len() as u64 * u64::from(rays);
-            let payload = encode(&caster, &emitters, rays);
+            let payload = encode(&caster, known.offload, &emitters, rays);
             let stamp = Stamp { seen: seen.list(), ..now };
             run.files.work.write(Kind::Emitted, 0, chunk, &stamp, &payload)?;
             let index = FileIndex::of(&payload, stamp.seen.len()).ok_or(BakeError::WorkChanged { chunk })?;
@@ -132,9 +135,10 @@ impl EmittedFiles {
 }
 
 /// The payload of the file of `caster`'s chunk.
-fn encode(caster: &RowCaster<'_>, emitters: &[u32], rays: u32) -> Vec<u8> {
+fn encode(caster: &RowCaster<'_>, offload: &Offload<'_>, emitters: &[u32], rays: u32) -> Vec<u8> {
     let grid = &caster.parameters.grid;
-    let seen: Vec<Shares> = emitters.par_iter().map(|&emitter| shares_of(caster, emitter, rays)).collect();
+    let seen: Vec<Shares> =
+        emitters.par_iter().map(|&emitter| shares_of(caster, offload, emitter, rays)).collect();
     let mut sections: BTreeMap<[i32; 3], Vec<(u32, u32, f32)>> = BTreeMap::new();
     for (&emitter, shares) in emitters.iter().zip(seen) {
         let id = u32::from(caster.set.stable_id(emitter, grid));
@@ -158,35 +162,53 @@ fn encode(caster: &RowCaster<'_>, emitters: &[u32], rays: u32) -> Vec<u8> {
 /// Shares by chunk and [`detail_id`].
 type Shares = BTreeMap<([i32; 3], u32), f32>;
 
-/// Where the rays of `emitter` end; what hits places that count for no patch is left out.
-fn shares_of(caster: &RowCaster<'_>, emitter: u32, rays: u32) -> Shares {
-    let parameters = caster.parameters;
+/// Where the rays of `emitter` end, by the device if there is one; what hits places that count for no patch is left out.
+fn shares_of(caster: &RowCaster<'_>, offload: &Offload<'_>, emitter: u32, rays: u32) -> Shares {
     let source = caster.source(emitter);
-    let spread = Spread::new(parameters.method.spread, rays, parameters.seed, !source.key);
-    let edge_m = parameters.grid.voxel_edge_m;
-    let mut shares = Shares::new();
-    for ray in 0..rays {
+    let BakeParameters { seed, method, grid, .. } = *caster.parameters;
+    let spread = Spread::new(method.spread, rays, seed, !source.key);
+    let query = |ray: u32| {
         let (u, v) = spread.pair(ray);
         let sample = &caster.samples[source.sample_at((ray as f32 + 0.5) / rays as f32) as usize];
         let direction = cosine_direction(sample.normal, u, v);
-        let origin = sample.position + sample.normal * (RAY_OFFSET * edge_m);
-        let Some(hit) = caster.tracer.closest(origin, direction, f32::INFINITY) else { continue };
-        let position = origin + direction * hit.distance;
-        let Some(owners) = caster.owners(&hit, position) else { continue };
-        let normal = caster.tracer.tracer().normal(&hit);
-        let voxel = voxel_of(position, normal, edge_m);
-        let detail = detail_voxel_of(voxel, position, normal, parameters);
-        let chunk = parameters.grid.chunk_of(voxel).to_array();
-        for ((direction, weight), (patch, _)) in
-            side_weights(parameters.weights, normal).into_iter().zip(owners)
-        {
-            if weight > 0.0 && patch != PatchSet::NONE {
-                let id = detail_id(detail, direction, parameters);
-                *shares.entry((chunk, id)).or_default() += weight / rays as f32;
+        let origin = sample.position + sample.normal * (RAY_OFFSET * grid.voxel_edge_m);
+        Query { origin, direction, distance_max: f32::INFINITY }
+    };
+    let mut shares = Shares::new();
+    for first in (0..rays).step_by(QUESTION_RAYS) {
+        let queries: Vec<Query> = (first..rays).take(QUESTION_RAYS).map(query).collect();
+        let triangles = offload.first(&queries);
+        for (at, query) in queries.iter().enumerate() {
+            let hit = match &triangles {
+                Some(triangles) => {
+                    caster.tracer.closest_named(query, triangles[at], || offload.note_returned(1))
+                }
+                None => caster.tracer.closest(query.origin, query.direction, query.distance_max),
+            };
+            if let Some(hit) = hit {
+                add_shares(caster, query, &hit, rays, &mut shares);
             }
         }
     }
     shares
+}
+
+/// Adds the end of `query`, one of `rays`, at `hit`.
+fn add_shares(caster: &RowCaster<'_>, query: &Query, hit: &Hit, rays: u32, shares: &mut Shares) {
+    let parameters = caster.parameters;
+    let position = query.origin + query.direction * hit.distance;
+    let Some(owners) = caster.owners(hit, position) else { return };
+    let normal = caster.tracer.tracer().normal(hit);
+    let voxel = voxel_of(position, normal, parameters.grid.voxel_edge_m);
+    let detail = detail_voxel_of(voxel, position, normal, parameters);
+    let chunk = parameters.grid.chunk_of(voxel).to_array();
+    for ((direction, weight), (patch, _)) in side_weights(parameters.weights, normal).into_iter().zip(owners)
+    {
+        if weight > 0.0 && patch != PatchSet::NONE {
+            let id = detail_id(detail, direction, parameters);
+            *shares.entry((chunk, id)).or_default() += weight / rays as f32;
+        }
+    }
 }
 
 impl FileIndex {

@@ -6,8 +6,21 @@ use earthshine_scene::Scene;
 use earthshine_tiles::BakeParameters;
 use earthshine_trace::ends::{COUNTED_PATCHES_MAX, EndPlaces, EndTriangle, EndVoxel, NO_PATCH};
 use rayon::prelude::*;
+use std::collections::BTreeSet;
 
 const _: () = assert!(NO_PATCH == PatchSet::NONE, "one mark for no patch");
+
+/// The triangles of `scene` as ends of rays, before there are patches.
+pub(crate) fn end_triangles(scene: &Scene, parameters: &BakeParameters) -> Vec<EndTriangle> {
+    let triangle = |triangle: usize| {
+        let normal = scene.normal(triangle);
+        let weights = side_weights(parameters.weights, normal).map(|(_, weight)| weight);
+        let material = &scene.materials[scene.material_of[triangle] as usize];
+        let is_two_sided = material.double_sided;
+        EndTriangle { is_two_sided, ..EndTriangle::new(normal, weights, material.alpha_cutoff.is_some()) }
+    };
+    (0..scene.triangles.len()).into_par_iter().map(triangle).collect()
+}
 
 /// The places of `scene` with the axis-aligned patches of `set`.
 ///
@@ -15,31 +28,35 @@ const _: () = assert!(NO_PATCH == PatchSet::NONE, "one mark for no patch");
 /// If there are more patches than a device can name: some four thousand million.
 pub(crate) fn end_places(scene: &Scene, set: &PatchSet, parameters: &BakeParameters) -> EndPlaces {
     assert!(set.len() < COUNTED_PATCHES_MAX as usize, "{} patches", set.len());
-    let mut is_for_host = vec![false; scene.triangles.len()];
-    for piece in set.hidden().samples() {
-        is_for_host[piece.side as usize / 2] = true;
-    }
-    let is_masked: Vec<bool> =
-        scene.materials.iter().map(|material| material.alpha_cutoff.is_some()).collect();
-    let triangle = |(triangle, is_for_host): (usize, bool)| {
-        let normal = scene.normal(triangle);
-        let weights = side_weights(parameters.weights, normal).map(|(_, weight)| weight);
-        EndTriangle::new(normal, weights, is_for_host || is_masked[scene.material_of[triangle] as usize])
-    };
+    let mut triangles = end_triangles(scene, parameters);
+    let left_out: BTreeSet<[i32; 3]> = set
+        .hidden()
+        .samples()
+        .into_iter()
+        .map(|piece| {
+            triangles[piece.side as usize / 2].has_left_out = true;
+            piece.voxel.to_array()
+        })
+        .collect();
     let edge = parameters.grid.voxel_edge_m;
     EndPlaces {
         voxel_edge_m: edge,
         off_surface_m: OFF_SURFACE * edge,
-        triangles: is_for_host.into_par_iter().enumerate().map(triangle).collect(),
-        voxels: voxels(set),
+        triangles,
+        voxels: voxels(set, &left_out),
     }
 }
 
-/// The voxels with patches, ascending.
-fn voxels(set: &PatchSet) -> Vec<EndVoxel> {
-    let mut voxels: Vec<[i32; 3]> = set.patches.iter().map(|source| source.patch.voxel.to_array()).collect();
+/// The voxels with patches or places `left_out`, ascending.
+fn voxels(set: &PatchSet, left_out: &BTreeSet<[i32; 3]>) -> Vec<EndVoxel> {
+    let with_patches = set.patches.iter().map(|source| source.patch.voxel.to_array());
+    let mut voxels: Vec<[i32; 3]> = with_patches.chain(left_out.iter().copied()).collect();
     voxels.par_sort_unstable();
     voxels.dedup();
-    let patches = |voxel: [i32; 3]| EndVoxel { voxel: voxel.into(), patches: set.of_voxel(voxel.into()) };
-    voxels.into_iter().map(patches).collect()
+    let end = |voxel: [i32; 3]| EndVoxel {
+        voxel: voxel.into(),
+        patches: set.of_voxel(voxel.into()),
+        has_left_out: left_out.contains(&voxel),
+    };
+    voxels.into_iter().map(end).collect()
 }

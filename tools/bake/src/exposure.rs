@@ -11,10 +11,10 @@
 //! what others see of it.
 
 use crate::eye::Eye;
+use crate::light_search::{LightSearch, Sight};
 use crate::sample::SurfaceSample;
-use earthshine_trace::hemisphere::{cosine_direction, spread_pair};
+use earthshine_trace::{Query, RayFan};
 use earthshine_world::random::{Purpose, hash, unit_pair};
-use earthshine_world::{Light, Vec3};
 use std::cell::{Cell, OnceCell};
 
 /// What becomes of a point.
@@ -28,6 +28,26 @@ pub enum Exposure {
     Buried,
 }
 
+impl Exposure {
+    /// It as a number, for files: openness, or one below zero.
+    pub(crate) fn word(self) -> f32 {
+        match self {
+            Self::Open(openness) => openness,
+            Self::Hidden => -1.0,
+            Self::Buried => -2.0,
+        }
+    }
+
+    /// What [`Self::word`] made.
+    pub(crate) fn from_word(word: f32) -> Self {
+        match word {
+            -1.0 => Self::Hidden,
+            -2.0 => Self::Buried,
+            openness => Self::Open(openness),
+        }
+    }
+}
+
 /// More back faces than this share of its rays make a point suspect.
 const BACK_SHARE: f32 = 0.5;
 /// More surfaces near by than this share of its rays make a point hidden. A corner of two walls stays below.
@@ -35,10 +55,45 @@ pub const NEAR_SHARE: f32 = 0.62;
 /// What is near: this share of a voxel's edge.
 pub const NEAR_VOXELS: f32 = 0.25;
 /// Rays after which a clear case is decided.
-const FIRST_RAYS: u32 = 8;
-/// Paths, and segments of each, that look for light from a suspect point.
-const LIGHT_PATHS: u64 = 4;
-const LIGHT_PATH_SEGMENTS: u64 = 6;
+pub(crate) const FIRST_RAYS: u32 = 8;
+
+/// What rays of a point tell about it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Verdict {
+    /// Its exposure.
+    Clear(Exposure),
+    /// It is buried, unless a path from it finds light.
+    Suspect,
+    /// Not enough yet.
+    Unclear,
+}
+
+impl Verdict {
+    /// Of the first [`FIRST_RAYS`], of which `back` met back faces and `near` something near.
+    pub(crate) fn of_first(back: u32, near: u32) -> Self {
+        if back == 0 && near < FIRST_RAYS / 2 {
+            Self::Clear(Exposure::Open(1.0 - near as f32 / FIRST_RAYS as f32))
+        } else if back == FIRST_RAYS {
+            Self::Suspect
+        } else {
+            Self::Unclear
+        }
+    }
+
+    /// Of all `rays`.
+    pub(crate) fn of_all(back: u32, near: u32, rays: u32) -> Self {
+        if back as f32 > rays as f32 * BACK_SHARE { Self::Suspect } else { Self::Clear(unburied(near, rays)) }
+    }
+}
+
+/// The exposure of a point that is not buried.
+pub(crate) fn unburied(near: u32, rays: u32) -> Exposure {
+    if near as f32 > rays as f32 * NEAR_SHARE {
+        Exposure::Hidden
+    } else {
+        Exposure::Open(1.0 - near as f32 / rays as f32)
+    }
+}
 
 /// Tells the exposure of points; one a thread.
 #[derive(Debug)]
@@ -61,35 +116,46 @@ impl ExposureTest<'_> {
     /// How exposed `sample` is.
     #[must_use]
     pub fn of(&self, sample: &SurfaceSample) -> Exposure {
-        let key = sample.key();
-        let (shift_u, shift_v) = unit_pair(hash(self.seed, Purpose::BuriedTest, key, 0));
-        let origin = sample.position + sample.normal * self.off_surface_m;
+        let fan = self.fan(sample);
         let (mut back, mut near) = (0, 0);
         let is_lit = OnceCell::new();
-        let is_lit = || *is_lit.get_or_init(|| self.finds_light(origin, sample.normal, key));
+        let is_lit = || *is_lit.get_or_init(|| self.finds_light(&fan, sample.key()));
         for index in 0..self.rays {
-            let (u, v) = spread_pair(index, shift_u, shift_v);
-            let direction = cosine_direction(sample.normal, u, v);
+            let Query { origin, direction, distance_max } = fan.query(index);
             self.count_ray();
-            if let Some(hit) = self.tracer.closest(origin, direction, f32::INFINITY) {
+            if let Some(hit) = self.tracer.closest(origin, direction, distance_max) {
                 back += u32::from(self.tracer.tracer().is_back(&hit));
-                near += u32::from(hit.distance < NEAR_VOXELS * self.voxel_edge_m);
+                near += u32::from(hit.distance < self.near_m());
             }
-            if index + 1 == FIRST_RAYS && back == 0 && near < FIRST_RAYS / 2 {
-                return Exposure::Open(1.0 - near as f32 / FIRST_RAYS as f32);
-            }
-            if index + 1 == FIRST_RAYS && back == FIRST_RAYS && !is_lit() {
-                return Exposure::Buried;
+            if index + 1 == FIRST_RAYS {
+                match Verdict::of_first(back, near) {
+                    Verdict::Clear(exposure) => return exposure,
+                    Verdict::Suspect if !is_lit() => return Exposure::Buried,
+                    Verdict::Suspect | Verdict::Unclear => {}
+                }
             }
         }
-        let limit = |share: f32| self.rays as f32 * share;
-        if back as f32 > limit(BACK_SHARE) && !is_lit() {
-            Exposure::Buried
-        } else if near as f32 > limit(NEAR_SHARE) {
-            Exposure::Hidden
-        } else {
-            Exposure::Open(1.0 - near as f32 / self.rays as f32)
+        match Verdict::of_all(back, near, self.rays) {
+            Verdict::Clear(exposure) => exposure,
+            _ if is_lit() => unburied(near, self.rays),
+            _ => Exposure::Buried,
         }
+    }
+
+    /// All rays that may be cast from `sample` whatever they find. The one rule for rays cast here and on a device.
+    pub(crate) fn fan(&self, sample: &SurfaceSample) -> RayFan {
+        RayFan {
+            origin: sample.position + sample.normal * self.off_surface_m,
+            normal: sample.normal,
+            shift: unit_pair(hash(self.seed, Purpose::BuriedTest, sample.key(), 0)),
+            first_pair: 0,
+            ray_count: self.rays,
+        }
+    }
+
+    /// What is nearer is near, m.
+    pub(crate) fn near_m(&self) -> f32 {
+        NEAR_VOXELS * self.voxel_edge_m
     }
 
     fn count_ray(&self) {
@@ -97,53 +163,23 @@ impl ExposureTest<'_> {
     }
 
     /// Whether any of some random paths meets the sky, an emitter, or a place that a lamp shines on.
-    fn finds_light(&self, origin: Vec3, normal: Vec3, key: u64) -> bool {
-        (0..LIGHT_PATHS).any(|path| {
-            let (mut place, mut side) = (origin, normal);
-            for segment in 0..LIGHT_PATH_SEGMENTS {
-                let index = 1 + path * LIGHT_PATH_SEGMENTS + segment;
-                let bits = hash(self.seed, Purpose::BuriedTest, key, index);
-                // The low bits choose the lamp, the high ones the direction.
-                if self.sees_lamp(place, bits & 0xFFFF) {
-                    return true;
+    fn finds_light(&self, fan: &RayFan, key: u64) -> bool {
+        let mut search = LightSearch::new(fan, key);
+        loop {
+            self.count_ray();
+            let found = match search.sight(self) {
+                Sight::Lamp(Query { origin, direction, distance_max }) => {
+                    search.pass_lamp(self.tracer.is_blocked(origin, direction, distance_max))
                 }
-                let (u, v) = unit_pair(bits);
-                let direction = cosine_direction(side, u, v);
-                self.count_ray();
-                let Some(hit) = self.tracer.closest(place, direction, f32::INFINITY) else {
-                    return true;
-                };
-                if self.tracer.tracer().surface(&hit).emitted_radiance != Vec3::ZERO {
-                    return true;
-                }
-                side = self.tracer.tracer().normal(&hit);
-                place = place + direction * hit.distance + side * self.off_surface_m;
+                Sight::Way(way) => search.follow(
+                    self,
+                    &way,
+                    self.tracer.closest(way.origin, way.direction, way.distance_max),
+                ),
+            };
+            if let Some(found) = found {
+                return found;
             }
-            false
-        })
-    }
-
-    /// Whether one lamp of the scene, drawn by `draw`, shines on `place`: a scene may have hundreds. The sun is not
-    /// asked: whoever sees it sees the sky.
-    fn sees_lamp(&self, place: Vec3, draw: u64) -> bool {
-        let lamps = &self.tracer.scene().lights;
-        let Some(lamp) = (draw as usize).checked_rem(lamps.len()).map(|index| lamps[index]) else {
-            return false;
-        };
-        let (position, range_m, cone) = match lamp {
-            Light::Directional { .. } => return false,
-            Light::Point { position, range_m, .. } => (position, range_m, None),
-            Light::Spot { position, direction, outer_cone_rad, range_m, .. } => {
-                (position, range_m, Some((direction, outer_cone_rad.cos())))
-            }
-        };
-        let distance = position.distance(place);
-        let towards = (position - place) / distance.max(f32::MIN_POSITIVE);
-        range_m.is_none_or(|range| distance < range)
-            && cone.is_none_or(|(axis, cosine)| -towards.dot(axis) > cosine)
-            && {
-                self.count_ray();
-                !self.tracer.is_blocked(place, towards, distance)
-            }
+        }
     }
 }

@@ -7,8 +7,10 @@
 use crate::builder::Builder;
 use crate::cells::Seen;
 use crate::changes::Changes;
+use crate::counted_exposure;
 use crate::exposure::ExposureTest;
 use crate::eye::{Answer, Eye, Probe, Segment, Trail};
+use crate::offload::Offload;
 use crate::sample::SurfaceSample;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -48,13 +50,18 @@ impl Points {
         Self { bases: vec![Basis::Open; samples.len()], samples }
     }
 
-    /// Finds out how exposed the points are that `is_wanted` says; notes in `seen` where paths went. How many rays it
-    /// took.
-    pub(crate) fn expose(&mut self, builder: &Builder<'_>, is_wanted: &[bool], seen: &Seen<'_>) -> u64 {
+    /// Finds out how exposed the points are that `is_wanted` says, on the device if there is one; notes in `seen` where paths went. How many rays it took.
+    pub(crate) fn expose(
+        &mut self,
+        builder: &Builder<'_>,
+        offload: &Offload<'_>,
+        mut is_wanted: Vec<bool>,
+        seen: &Seen<'_>,
+    ) -> u64 {
         if builder.parameters.buried_rays == 0 {
             return 0;
         }
-        let cast = AtomicU64::new(0);
+        let cast = AtomicU64::new(counted_exposure::expose(self, builder, offload, &mut is_wanted, seen));
         let runs = self.samples.par_chunks_mut(BATCH).zip(self.bases.par_chunks_mut(BATCH));
         runs.zip(is_wanted.par_chunks(BATCH)).for_each(|((samples, bases), is_wanted)| {
             let trail = Trail::default();

@@ -7,7 +7,7 @@
 use crate::cells::Seen;
 use crate::changes::Changes;
 use earthshine_scene::Scene;
-use earthshine_trace::{Hit, SceneTracer};
+use earthshine_trace::{Hit, Query, SceneTracer};
 use earthshine_world::{Vec3, VoxelCoord};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -156,6 +156,27 @@ impl<'a> Eye<'a> {
                 probe.answer.hit()
             }
         }
+    }
+
+    /// As [`Self::closest`], where a device says that `query` meets `triangle` first; where that is not so here, `returned`
+    /// hears of it and the ray is cast. For eyes that look or note.
+    pub(crate) fn closest_named(
+        &self,
+        query: &Query,
+        triangle: Option<u32>,
+        returned: impl FnOnce(),
+    ) -> Option<Hit> {
+        let Query { origin, direction, distance_max } = *query;
+        let hit = triangle.and_then(|triangle| {
+            self.tracer.crossing(query, triangle).or_else(|| {
+                returned();
+                self.tracer.closest(origin, direction, 0.0, distance_max)
+            })
+        });
+        if let Purpose::Note(seen) = self.purpose {
+            seen.mark_way(origin, direction, hit.map_or(distance_max, |hit| hit.distance));
+        }
+        hit
     }
 
     /// As [`SceneTracer::is_blocked`].

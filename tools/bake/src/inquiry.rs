@@ -2,21 +2,23 @@
 //!
 //! The rays are those that the CPU casts for the same row, from the same seeds, and what comes back is what it would have
 //! added up, but for rounding, rays along edges, and rays that come back to be cast here. When the device fails, the CPU
-//! makes what is not made yet. [`count_all`] drives it; `counted_rows` and `counted_receivers` ask.
+//! makes what is not made yet. [`count_all`] drives it; `counted_rows`, `counted_receivers` and `detail` ask.
 
 use crate::offload::Offload;
-use earthshine_trace::Query;
+use crate::questions::ask_all;
+use earthshine_trace::Rays;
 use earthshine_trace::ends::{RUN_RAYS_MAX, Run, RunEnds, RunSum};
 use rayon::prelude::*;
 use std::collections::VecDeque;
 
-/// Rays of one question to a device, if one asker alone does not ask for more: 8 MiB.
-const QUESTION_RAYS: usize = 1 << 18;
+/// Rays of one question to a device, if one asker alone does not ask for more: 8 MiB where they are made here. An asker has
+/// [`ON_THEIR_WAY`](crate::questions::ON_THEIR_WAY) and one at once.
+pub(crate) const QUESTION_RAYS: usize = 1 << 18;
 
 /// What one asker wants to know.
 #[derive(Debug, Default)]
 pub(crate) struct Question {
-    pub(crate) rays: Vec<Query>,
+    pub(crate) rays: Rays,
     /// Over these rays.
     pub(crate) runs: Vec<Run>,
 }
@@ -57,24 +59,28 @@ pub(crate) fn count_all<I: Inquiry>(
     on_cpu: impl Fn(usize) -> I::Made + Sync,
     each: &(impl Fn() + Sync),
 ) -> Vec<I::Made> {
-    let mut made: Vec<Option<I::Made>> = units.iter().map(|_| None).collect();
     let asking = if offload.is_working() { units } else { &[] };
-    let begun: Vec<(usize, I)> = asking.par_iter().enumerate().map(|(at, &unit)| (at, begin(unit))).collect();
-    let mut waiting = VecDeque::from(begun);
-    while !waiting.is_empty() {
-        let mut asking = first_askers(&mut waiting);
-        let Some(heard) = answered(offload, &mut asking) else { break };
-        for ((at, inquiry), result) in asking.into_iter().zip(heard) {
-            match result {
-                None => waiting.push_back((at, inquiry)),
-                Some(result) => {
-                    made[at] = Some(result);
-                    each();
+    let waiting: VecDeque<(usize, I)> =
+        asking.par_iter().enumerate().map(|(at, &unit)| (at, begin(unit))).collect::<Vec<_>>().into();
+    let made: Vec<Option<I::Made>> = units.iter().map(|_| None).collect();
+    let mut state = (waiting, made);
+    ask_all(
+        &mut state,
+        |(waiting, _)| (!waiting.is_empty()).then(|| Asked::of(first_askers(waiting))),
+        |asked| offload.count(&asked.question.rays, &asked.question.runs),
+        |(waiting, made), asked, ends| {
+            for (at, inquiry, result) in asked.heard(&ends) {
+                match result {
+                    None => waiting.push_back((at, inquiry)),
+                    Some(result) => {
+                        made[at] = Some(result);
+                        each();
+                    }
                 }
             }
-        }
-    }
-    let finished = made.into_par_iter().zip(units).map(|(made, &unit)| {
+        },
+    );
+    let finished = state.1.into_par_iter().zip(units).map(|(made, &unit)| {
         made.unwrap_or_else(|| {
             let made = on_cpu(unit);
             each();
@@ -95,24 +101,41 @@ fn first_askers<I: Inquiry>(waiting: &mut VecDeque<(usize, I)>) -> Vec<(usize, I
     waiting.drain(..count).collect()
 }
 
-/// What each of `asking` makes of the answer to its question; `None` if there is no device that answers.
-fn answered<I: Inquiry>(offload: &Offload<'_>, asking: &mut [(usize, I)]) -> Option<Vec<Option<I::Made>>> {
-    let questions: Vec<Question> = asking.par_iter_mut().map(|(_, inquiry)| inquiry.ask()).collect();
-    let (mut rays, mut runs) = (Vec::new(), Vec::new());
-    for question in &questions {
-        let first = rays.len() as u32;
-        rays.extend_from_slice(&question.rays);
-        runs.extend(question.runs.iter().map(|run| Run { first_ray: first + run.first_ray, ..*run }));
+/// What several ask at once.
+struct Asked<I> {
+    askers: Vec<(usize, I)>,
+    /// Of all of them.
+    question: Question,
+    /// Of each, how many runs are its own.
+    own_runs: Vec<usize>,
+}
+
+impl<I: Inquiry> Asked<I> {
+    fn of(mut askers: Vec<(usize, I)>) -> Self {
+        let questions: Vec<Question> = askers.par_iter_mut().map(|(_, inquiry)| inquiry.ask()).collect();
+        let own_runs = questions.iter().map(|question| question.runs.len()).collect();
+        let (mut all, mut first) = (Question::default(), 0);
+        for Question { rays, runs } in questions {
+            all.runs.extend(runs.iter().map(|run| Run { first_ray: first + run.first_ray, ..*run }));
+            first += rays.count() as u32;
+            all.rays.append(rays);
+        }
+        Self { askers, question: all, own_runs }
     }
-    let ends = offload.count(&rays, &runs)?;
-    let mut rest = &ends[..];
-    let own: Vec<&[RunEnds]> = questions
-        .iter()
-        .map(|question| {
-            let (own, others) = rest.split_at(question.runs.len());
+
+    /// What each makes of `ends`.
+    fn heard(self, ends: &[RunEnds]) -> Vec<(usize, I, Option<I::Made>)> {
+        let mut rest = ends;
+        let mut own = |count: usize| {
+            let (own, others) = rest.split_at(count);
             rest = others;
             own
-        })
-        .collect();
-    Some(asking.par_iter_mut().zip(own).map(|((_, inquiry), ends)| inquiry.hear(ends)).collect())
+        };
+        let own: Vec<&[RunEnds]> = self.own_runs.iter().map(|&count| own(count)).collect();
+        let hear = |((at, mut inquiry), ends): ((usize, I), &[RunEnds])| {
+            let made = inquiry.hear(ends);
+            (at, inquiry, made)
+        };
+        self.askers.into_par_iter().zip(own).map(hear).collect()
+    }
 }

@@ -1,10 +1,10 @@
 //! Rows of an earlier bake, and which of them an edit makes us trace again.
 //!
 //! A file of the work folder is good as it is, or good but for the rows whose rays come to what changed since, or of no
-//! use. Rows go in units that are traced together: one for a patch, six for a voxel of air.
+//! use. Rows go in units that are traced together: one for a patch or a part of detail, six for a voxel of air.
 
 use crate::changes::Changes;
-use crate::row_files::{self, FoundRows, RowIndex};
+use crate::row_files::{FoundRows, RowIndex};
 use crate::rows::RawRow;
 use crate::stages::{Known, Run};
 use crate::work_folder::{Kind, Stale, Stamp};
@@ -35,14 +35,13 @@ pub(crate) struct Renewal {
 }
 
 impl Kept {
-    /// What there is of `kind` for `chunk`, where `now` holds.
+    /// What there is of `kind` for `chunk`, where `now` holds; `decode` finds rows in a payload.
     pub(crate) fn of(
         run: &Run<'_>,
         known: &Known<'_>,
-        kind: Kind,
-        chunk: [i32; 3],
+        (kind, chunk): (Kind, [i32; 3]),
         now: &Stamp,
-        row_count: usize,
+        decode: impl FnOnce(&[u8]) -> Option<FoundRows>,
     ) -> Self {
         let Some((stamp, payload)) = run.files.work.read(kind, 0, chunk) else {
             return Self::Nothing(Stale::Absent);
@@ -50,9 +49,7 @@ impl Kept {
         if let Some(stale) = stamp.difference(now) {
             return Self::Nothing(stale);
         }
-        let grid = run.parameters().grid;
-        let found = row_files::decode_found(&payload, row_count, known.set, &grid);
-        match (found, known.states.since(stamp.state, &known.cells)) {
+        match (decode(&payload), known.states.since(stamp.state, &known.cells)) {
             (Some(found), Some(changes)) if changes.is_empty() && !found.has_lost.contains(&true) => {
                 Self::All(found.index)
             }

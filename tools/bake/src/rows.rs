@@ -9,7 +9,7 @@ use crate::spread::Spread;
 use earthshine_tiles::BakeParameters;
 use earthshine_trace::ends::{RAY_PARTS, RunEnds};
 use earthshine_trace::hemisphere::cosine_direction;
-use earthshine_trace::{Hit, SceneTracer};
+use earthshine_trace::{Hit, RayFan, SceneTracer};
 use earthshine_world::{AxisWeights, Vec3};
 use std::ops::Range;
 
@@ -108,6 +108,32 @@ impl<'a> RowCaster<'a> {
         let (u, v) = spread.pair(ray);
         let direction = cosine_direction(sample.normal, u, v);
         (sample.position + sample.normal * off_surface_m, direction)
+    }
+
+    /// The rays of `run`, as [`Self::ray`] makes them, in fans of one sample each: for spreads that have a
+    /// [shift](Spread::shift).
+    pub(crate) fn fans(&self, source: &BakePatch, shift: (f32, f32), run: &Range<u32>) -> Vec<RayFan> {
+        let off_surface_m = RAY_OFFSET * self.parameters.grid.voxel_edge_m;
+        let share = 1.0 / run.len() as f32;
+        let last = source.samples.len() - 1;
+        let (mut fans, mut at): (Vec<RayFan>, _) = (Vec::new(), 0);
+        let mut of_last = None;
+        for ray in run.clone() {
+            // As `sample_at` finds it: samples come in the order of rays.
+            let target = ((ray - run.start) as f32 + 0.5) * share * source.patch.area;
+            while at < last && source.samples[at].1 <= target {
+                at += 1;
+            }
+            if of_last.replace(at) != Some(at) {
+                let SurfaceSample { position, normal, .. } = self.samples[source.samples[at].0 as usize];
+                let origin = position + normal * off_surface_m;
+                fans.push(RayFan { origin, normal, shift, first_pair: ray, ray_count: 0 });
+            }
+            if let Some(fan) = fans.last_mut() {
+                fan.ray_count += 1;
+            }
+        }
+        fans
     }
 
     /// Where the ray from `origin` along unit `direction` ends. The one rule for patches' rows and receivers'.

@@ -29,6 +29,12 @@ impl Spread {
         Self { kind, seed, key, shift: unit_pair(hash(seed, Purpose::RowRay, key, 0)), cells }
     }
 
+    /// What consecutive pairs of the R2 sequence are shifted by, if that is all there is to them.
+    #[must_use]
+    pub fn shift(&self) -> Option<(f32, f32)> {
+        (self.kind == RaySpread::R2).then_some(self.shift)
+    }
+
     /// Pair `index`, each number in `[0, 1)`.
     #[must_use]
     pub fn pair(&self, index: u32) -> (f32, f32) {

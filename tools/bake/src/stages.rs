@@ -9,7 +9,7 @@ use crate::cells::Cells;
 use crate::content::SceneContent;
 use crate::detail_stage;
 use crate::emit::{Emitter, Parts, occluders};
-use crate::end_places::end_places;
+use crate::end_places::{end_places, end_triangles};
 use crate::finished_world::{Before, before, remove_unlisted};
 use crate::memory::{self, MemoryLimit, Trees};
 use crate::offload::Offload;
@@ -80,8 +80,9 @@ pub fn bake(
     bake_on(None, scene, world, options, progress)
 }
 
-/// As [`bake`], with the rays of rows and of receivers in the air traced on `device`, if there is one, and their ends
-/// counted there. What is baked is the same but for rounding and rays that pass an edge within it. When the device fails,
+/// As [`bake`], with the rays of exposure, rows, receivers and detail traced on `device`, if there is one, and their ends
+/// counted there; of paths from points that look buried, and of what emitters cast towards detail, a device says what they
+/// meet first. What is baked is the same but for rounding and rays that pass an edge within it. When the device fails,
 /// `progress` hears of it and the CPU traces the rest.
 ///
 /// # Errors
@@ -220,7 +221,8 @@ impl<'a> Run<'a> {
         let mut key = self.common_key(&cells);
         key = xxh3_64(bytemuck::bytes_of(&[key, content.lamps]));
         let (triangles, content, work) = (&triangles, &content, files.work);
-        let source = SurfaceSource { builder, triangles, content, work, key, whole };
+        let offload = Offload::new(device, &tracer, || end_triangles(scene, parameters), self.progress);
+        let source = SurfaceSource { builder, offload: &offload, triangles, content, work, key, whole };
         let (set, identities, cells, mut named) = self.surfaces(&source, cells)?;
         if set.is_empty() {
             return Err(BakeError::NoPatches { voxel_edge_m: edge_m });
@@ -229,7 +231,7 @@ impl<'a> Run<'a> {
         self.summary.memory_estimate_bytes = needed;
         self.options.memory.check(needed, "the scene and its patches", edge_m)?;
         let (key, states) = (self.common_key(&cells), States::begin(work, &cells)?);
-        let offload = Offload::new(device, &tracer, || end_places(scene, &set, parameters), self.progress);
+        offload.settle(|| end_places(scene, &set, parameters));
         let (source, tracer, set, offload) = (&source, &tracer, &set, &offload);
         let known = Known { source, tracer, offload, set, identities, cells, states, key };
         let rows = tracing::rows(self, &known)?;

@@ -77,11 +77,15 @@ pub struct BakeSummary {
     pub up_to_date: bool,
     /// Rays that told how exposed points are, in this run.
     pub exposure_rays: u64,
-    /// Rays of rows and receivers whose ends a device counted.
+    /// Rays of exposure, rows, receivers and detail that a device traced.
     pub device_rays: u64,
-    /// Those of them that it gave back to be cast on the CPU: they met a triangle that may have holes, or places that
-    /// patches left out.
+    /// Those of them that were of no use, and cast on the CPU: they met a triangle that may have holes, or places that
+    /// patches left out, or are of a point with such a ray.
     pub device_returned_rays: u64,
+    /// Of all rays, those that a device traced to some use.
+    pub device_ray_share: f64,
+    /// What was sent to the device with its questions, bytes; trees and tables aside.
+    pub device_sent_bytes: u64,
     /// What was read back from the device, bytes.
     pub device_read_bytes: u64,
     /// What the device that rays were traced on failed of, if it did: the CPU traced the rest.
@@ -142,9 +146,13 @@ impl BakeSummary {
         (self.seconds_per_mtriangle, self.bytes_per_mtriangle) =
             (self.seconds / mtriangles, self.world_bytes as f64 / mtriangles);
         let core_seconds = self.seconds.max(1e-9) * rayon::current_num_threads() as f64;
-        let rays = self.rays + self.exposure_rays + self.receiver_rays + self.detail_rays;
-        self.mrays_s_core_whole = rays as f64 / core_seconds / 1e6;
+        self.mrays_s_core_whole = self.all_rays() as f64 / core_seconds / 1e6;
         self.patches_s = self.patches as f64 / self.seconds.max(1e-9);
+    }
+
+    /// Rays of all stages.
+    pub(crate) fn all_rays(&self) -> u64 {
+        self.rays + self.exposure_rays + self.receiver_rays + self.detail_rays
     }
 
     /// Books `seconds` to `stage`.

@@ -12,6 +12,7 @@ use crate::content::SceneContent;
 use crate::exposure::Exposure;
 use crate::exposure_record::{Basis, Points};
 use crate::hidden::PieceSample;
+use crate::offload::Offload;
 use crate::overlap::ChunkTriangles;
 use crate::patches::{BakePatch, PatchSet};
 use crate::rows::patch_key;
@@ -38,9 +39,10 @@ pub fn is_streamed(method: &BakeMethod) -> bool {
 }
 
 /// Where the surfaces of chunks come from.
-#[derive(Debug)]
 pub(crate) struct SurfaceSource<'a> {
     pub(crate) builder: Builder<'a>,
+    /// The device that rays are cast on, if there is one.
+    pub(crate) offload: &'a Offload<'a>,
     pub(crate) triangles: &'a ChunkTriangles,
     pub(crate) content: &'a SceneContent<'a>,
     pub(crate) work: &'a WorkFolder,
@@ -113,9 +115,9 @@ impl SurfaceSource<'_> {
         if !paths_changed {
             stamp.seen.iter().for_each(|&(cell, _)| seen.mark(cell as usize));
         }
-        let rays = points.expose(&self.builder, &concerned, &seen);
-        let at = changes.example().to_array();
-        let stale = (renewed > 0).then_some(Stale::Part { renewed, of: concerned.len() as u32, at });
+        let (of, at) = (concerned.len() as u32, changes.example().to_array());
+        let rays = points.expose(&self.builder, self.offload, concerned, &seen);
+        let stale = (renewed > 0).then_some(Stale::Part { renewed, of, at });
         let record = self.finished(chunk, &points, Stamp { seen: seen.list(), ..now })?;
         Ok(SurfaceRecord { rays, stale, ..record })
     }
@@ -131,7 +133,7 @@ impl SurfaceSource<'_> {
         let mut points = Points::new(self.samples(chunk));
         let seen = Seen::nothing(cells);
         let all = vec![true; points.samples.len()];
-        let rays = points.expose(&self.builder, &all, &seen);
+        let rays = points.expose(&self.builder, self.offload, all, &seen);
         let record = self.finished(chunk, &points, Stamp { seen: seen.list(), ..now })?;
         Ok(SurfaceRecord { rays, stale: Some(stale), ..record })
     }
@@ -214,7 +216,7 @@ impl SurfaceSource<'_> {
         let samples = reader.count(5)?;
         let mut buried = 0;
         for _ in 0..samples {
-            buried += u64::from(decode_exposure(reader.f32()?) == Exposure::Buried);
+            buried += u64::from(Exposure::from_word(reader.f32()?) == Exposure::Buried);
         }
         reader.bytes(samples)?;
         let patches = reader.count(56)?;
@@ -237,11 +239,7 @@ fn identity(own: u64, payload: &[u8], samples: usize) -> u64 {
 fn encode(points: &Points, patches: &[BakePatch], hidden: &[PieceSample], triangles: &[u32]) -> Vec<u8> {
     let mut out = Writer::default();
     out.u32(points.samples.len() as u32);
-    out.f32s(points.samples.iter().map(|sample| match sample.exposure {
-        Exposure::Open(openness) => openness,
-        Exposure::Hidden => -1.0,
-        Exposure::Buried => -2.0,
-    }));
+    out.f32s(points.samples.iter().map(|sample| sample.exposure.word()));
     out.0.extend(points.bases.iter().map(|&basis| basis as u8));
     out.u32(patches.len() as u32);
     for BakePatch { patch, .. } in patches {
@@ -264,14 +262,6 @@ fn encode(points: &Points, patches: &[BakePatch], hidden: &[PieceSample], triang
     out.0
 }
 
-fn decode_exposure(word: f32) -> Exposure {
-    match word {
-        -1.0 => Exposure::Hidden,
-        -2.0 => Exposure::Buried,
-        openness => Exposure::Open(openness),
-    }
-}
-
 /// Gives `points` the exposures at the front of `payload`, and what they rest on; `false` if they are not as many.
 fn put_exposures(payload: &[u8], points: &mut Points) -> bool {
     let mut reader = Reader(payload);
@@ -285,7 +275,7 @@ fn put_exposures(payload: &[u8], points: &mut Points) -> bool {
     let Some(bases) = bases else { return false };
     points.bases = bases;
     for (sample, word) in points.samples.iter_mut().zip(exposures) {
-        sample.exposure = decode_exposure(word);
+        sample.exposure = Exposure::from_word(word);
     }
     true
 }

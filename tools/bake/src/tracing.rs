@@ -46,7 +46,9 @@ pub(crate) fn rows<'k, 'r: 'k>(run: &mut Run<'r>, known: &Known<'k>) -> Result<R
         let chunk = chunks[number];
         let range = set.chunks[&chunk].clone();
         let now = Stamp { key, own: known.identities[&chunk], state: known.states.now, ..Stamp::default() };
-        let kept = Kept::of(run, known, Kind::Rows, chunk, &now, range.len());
+        let kept = Kept::of(run, known, (Kind::Rows, chunk), &now, |payload| {
+            row_files::decode_found(payload, range.len(), set, &grid)
+        });
         if let Kept::All(index) = kept {
             run.progress.advance(rays * range.len() as u64);
             return Ok((chunk, None, index));
@@ -139,7 +141,9 @@ pub(crate) fn receivers(run: &mut Run<'_>, known: &Known<'_>) -> Result<Receiver
         }
         let own = own_of_receivers(known.identities.get(&chunk).copied(), voxels);
         let now = Stamp { key: known.key, own, state: known.states.now, ..Stamp::default() };
-        let kept = Kept::of(run, known, Kind::Receivers, chunk, &now, voxels.len() * 6);
+        let kept = Kept::of(run, known, (Kind::Receivers, chunk), &now, |payload| {
+            row_files::decode_found(payload, voxels.len() * 6, set, &grid)
+        });
         if matches!(kept, Kept::All(_)) {
             return Ok((chunk, None, 0));
         }

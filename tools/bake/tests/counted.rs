@@ -2,18 +2,22 @@
 //! device does, which fails when a test wants it to; real devices are held against the same in `tools/earthshine`.
 //! Rows before they are balanced are compared in `counted_rows`.
 
-use earthshine_bake::ends::{CountedEnds, EndCounter, EndPlaces, Run, count_ends};
+use earthshine_bake::ends::{
+    CountedEnds, EndCounter, EndPlaces, EndTriangle, FacedFans, FirstTriangles, Run, Traffic, count_ends,
+    face_fans, first_triangles,
+};
 use earthshine_bake::{
-    BakeOptions, BakeSummary, CasterError, Levels, MemoryLimit, Progress, Query, RayDevice, SceneTracer,
-    Shard, Silent, Stage, bake_on,
+    BakeOptions, BakeSummary, CasterError, Levels, MemoryLimit, Progress, Query, RayDevice, RayFan, Rays,
+    SceneTracer, Shard, Silent, Stage, bake_on,
 };
 use earthshine_gen::{GenOptions, WorldKind};
 use earthshine_light::TreeLayout;
 use earthshine_scene::{ImportOptions, Scene, load_bytes};
 use earthshine_tiles::{BakeParameters, DirStore, RowCodec, TileStore as _};
-use earthshine_world::{Chunk, Grid, LightRig};
+use earthshine_world::{Chunk, Grid, LightRig, Vec3};
+use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, OnceLock};
 
 /// Of a share: hundreds of shares summed in `f32`, where parts are summed exactly.
 const ROUNDING: f32 = 2e-5;
@@ -25,7 +29,8 @@ const STEPS: f32 = 2.5 / 1024.0;
 #[derive(Debug, Clone)]
 struct Twin {
     tracer: &'static SceneTracer<'static>,
-    places: Option<EndPlaces>,
+    triangles: Vec<EndTriangle>,
+    places: Arc<OnceLock<EndPlaces>>,
     asked: Arc<AtomicUsize>,
     answers_max: usize,
 }
@@ -35,24 +40,46 @@ impl Twin {
     fn new(scene: &Scene, answers_max: usize) -> Self {
         let scene: &'static Scene = Box::leak(Box::new(scene.clone()));
         let tracer = Box::leak(Box::new(SceneTracer::new(scene)));
-        Self { tracer, places: None, asked: Arc::default(), answers_max }
+        Self { tracer, triangles: Vec::new(), places: Arc::default(), asked: Arc::default(), answers_max }
+    }
+
+    fn tire(&self) -> Result<Traffic, CasterError> {
+        let is_tired = self.asked.fetch_add(1, Ordering::Relaxed) >= self.answers_max;
+        let traffic = Traffic { sent_bytes: 2, read_bytes: 1 };
+        if is_tired { Err(CasterError("it is tired".to_owned())) } else { Ok(traffic) }
     }
 }
 
 impl RayDevice for Twin {
-    fn counter(&self, layout: &TreeLayout, places: &EndPlaces) -> Result<Box<dyn EndCounter>, CasterError> {
-        assert_eq!(layout.triangles.len(), places.triangles.len());
-        Ok(Box::new(Self { places: Some(places.clone()), ..self.clone() }))
+    fn counter(
+        &self,
+        layout: &TreeLayout,
+        triangles: &[EndTriangle],
+    ) -> Result<Box<dyn EndCounter>, CasterError> {
+        assert_eq!(layout.triangles.len(), triangles.len());
+        Ok(Box::new(Self { triangles: triangles.to_vec(), ..self.clone() }))
     }
 }
 
 impl EndCounter for Twin {
-    fn count(&self, rays: &[Query], runs: &[Run]) -> Result<CountedEnds, CasterError> {
-        if self.asked.fetch_add(1, Ordering::Relaxed) >= self.answers_max {
-            return Err(CasterError("it is tired".to_owned()));
-        }
-        let places = self.places.as_ref().expect("given at first");
-        Ok(CountedEnds { runs: count_ends(self.tracer, places, rays, runs), read_bytes: 1 })
+    fn face(&self, fans: &[RayFan], near_m: f32) -> Result<FacedFans, CasterError> {
+        let traffic = self.tire()?;
+        Ok(FacedFans { fans: face_fans(self.tracer, &self.triangles, fans, near_m), traffic })
+    }
+
+    fn first(&self, rays: &[Query]) -> Result<FirstTriangles, CasterError> {
+        let traffic = self.tire()?;
+        Ok(FirstTriangles { triangles: first_triangles(self.tracer, rays), traffic })
+    }
+
+    fn settle(&self, places: &EndPlaces) -> Result<(), CasterError> {
+        self.places.set(places.clone()).map_err(|_| CasterError("it is settled".to_owned()))
+    }
+
+    fn count(&self, rays: &Rays, runs: &[Run]) -> Result<CountedEnds, CasterError> {
+        let traffic = self.tire()?;
+        let places = self.places.get().expect("given before");
+        Ok(CountedEnds { runs: count_ends(self.tracer, places, &rays.queries(), runs), traffic })
     }
 }
 
@@ -60,7 +87,11 @@ impl EndCounter for Twin {
 struct Full;
 
 impl RayDevice for Full {
-    fn counter(&self, _layout: &TreeLayout, _places: &EndPlaces) -> Result<Box<dyn EndCounter>, CasterError> {
+    fn counter(
+        &self,
+        _layout: &TreeLayout,
+        _triangles: &[EndTriangle],
+    ) -> Result<Box<dyn EndCounter>, CasterError> {
         Err(CasterError("it is full".to_owned()))
     }
 }
@@ -85,7 +116,14 @@ fn scene(kind: WorldKind) -> Scene {
 
 fn parameters(voxel_edge_m: f32) -> BakeParameters {
     let grid = Grid { voxel_edge_m, chunk_edge_voxels: 8 };
-    BakeParameters { grid, rays_per_patch: 700, receiver_rays: 600, detail: 1, ..BakeParameters::default() }
+    BakeParameters {
+        grid,
+        rays_per_patch: 700,
+        receiver_rays: 600,
+        detail: 2,
+        detail_rays: 600,
+        ..BakeParameters::default()
+    }
 }
 
 fn baked(
@@ -95,6 +133,16 @@ fn baked(
     progress: &dyn Progress,
 ) -> (BakeSummary, Vec<Chunk>) {
     let folder = tempfile::tempdir().expect("a folder");
+    baked_into(folder.path(), device, scene, parameters, progress)
+}
+
+fn baked_into(
+    world: &Path,
+    device: Option<&dyn RayDevice>,
+    scene: &Scene,
+    parameters: BakeParameters,
+    progress: &dyn Progress,
+) -> (BakeSummary, Vec<Chunk>) {
     let options = BakeOptions {
         parameters,
         codec: RowCodec::Full,
@@ -104,10 +152,10 @@ fn baked(
         levels: Levels::Exactly(1),
         shard: Shard::default(),
         memory: MemoryLimit::default(),
-        discard_work: true,
+        discard_work: false,
     };
-    let summary = bake_on(device, scene, folder.path(), &options, progress).expect("a good scene");
-    let store = DirStore::open(folder.path()).expect("a world");
+    let summary = bake_on(device, scene, world, &options, progress).expect("a good scene");
+    let store = DirStore::open(world).expect("a world");
     let ids = store.manifest().index().chunks.into_iter().map(|chunk| chunk.id);
     (summary, ids.map(|id| store.load(id).expect("a good tile")).collect())
 }
@@ -142,10 +190,44 @@ fn counted_rows_are_those_of_the_cpu() {
         let (cpu, rows) = baked(None, &scene, parameters, &Silent);
         let (summary, counted) = baked(Some(&Twin::new(&scene, usize::MAX)), &scene, parameters, &Silent);
         assert_same(&counted, &rows);
-        assert_eq!((cpu.rays, cpu.receiver_rays), (summary.rays, summary.receiver_rays), "{kind:?}");
-        assert!(summary.device_rays >= cpu.rays, "{} of {}", summary.device_rays, cpu.rays);
+        let rays = |of: &BakeSummary| (of.rays, of.receiver_rays, of.detail_rays, of.exposure_rays);
+        assert_eq!(rays(&cpu), rays(&summary), "{kind:?}");
+        assert!(cpu.detail_receivers > 100 && summary.device_ray_share > 0.8, "{summary:?}");
         assert_eq!((cpu.device_rays, &summary.device_failure), (0, &None));
     }
+}
+
+/// Goal: what a device has found is kept and made stale as what the CPU has found. Method: a panel is moved; each bakes once
+/// before and once after.
+#[test]
+fn an_edit_traces_the_same_with_a_device_as_without() {
+    let with_panel = |at: f32| {
+        let mut scene = scene(WorldKind::Cornell);
+        let (low, size) = (scene.bounds().min, scene.bounds().size());
+        let corner = |x: f32, z: f32| low + size * Vec3::new(x, 0.6, z);
+        scene.triangles.push([corner(at, 0.4), corner(at, 0.6), corner(at + 0.2, 0.4)]);
+        scene.texture_coordinates.push([[0.0; 2]; 3]);
+        scene.material_of.push(0);
+        scene
+    };
+    let (before, after) = (with_panel(0.2), with_panel(0.3));
+    let parameters = BakeParameters { rays_per_patch: 64, detail_rays: 64, ..parameters(0.7) };
+    let folder = tempfile::tempdir().expect("a folder");
+    let [cpu, device] = ["cpu", "device"].map(|name| folder.path().join(name));
+    let twin = |scene: &Scene| Twin::new(scene, usize::MAX);
+    baked_into(&cpu, None, &before, parameters, &Silent);
+    baked_into(&device, Some(&twin(&before)), &before, parameters, &Silent);
+    let (expected, rows) = baked_into(&cpu, None, &after, parameters, &Silent);
+    let (found, counted) = baked_into(&device, Some(&twin(&after)), &after, parameters, &Silent);
+    assert_same(&counted, &rows);
+    let rays = |of: &BakeSummary| (of.rays, of.receiver_rays, of.detail_rays);
+    assert_eq!(rays(&found), rays(&expected));
+    // Of a suspect point's own rays a device says but how far the farthest gets.
+    assert!(found.exposure_rays >= expected.exposure_rays, "{found:?}");
+    assert!(found.device_rays > 0 && found.exposure_rays > 0 && found.detail_rays > 0, "{found:?}");
+    let whole = baked(None, &after, parameters, &Silent);
+    assert_same(&counted, &whole.1);
+    assert!(whole.0.detail_rays > found.detail_rays && whole.0.exposure_rays > found.exposure_rays);
 }
 
 /// Goal: a device that fails anywhere in a bake costs nothing but time, is asked no more, and this is said once.
@@ -153,14 +235,19 @@ fn counted_rows_are_those_of_the_cpu() {
 fn a_bake_outlives_its_device() {
     let (scene, parameters) = (scene(WorldKind::Cornell), parameters(0.4));
     let rows = baked(None, &scene, parameters, &Silent).1;
-    for answers in [0, 1, 3] {
+    let questions = Twin::new(&scene, usize::MAX);
+    baked(Some(&questions), &scene, parameters, &Silent);
+    let questions = questions.asked.load(Ordering::Relaxed);
+    // In the middle of exposure, of rows, of detail.
+    for answers in [0, 1, 3, questions / 2, questions * 3 / 4] {
         let (twin, heard) = (Twin::new(&scene, answers), Heard::default());
         let (summary, counted) = baked(Some(&twin), &scene, parameters, &heard);
         assert_same(&counted, &rows);
         assert_eq!(heard.0.into_inner().expect("no holder panics"), ["it is tired"]);
         assert_eq!(summary.device_failure.as_deref(), Some("it is tired"));
         assert_eq!(summary.device_read_bytes, answers as u64, "all answers count");
-        assert!(twin.asked.load(Ordering::Relaxed) <= answers + rayon::current_num_threads());
+        // Of each chunk two questions at most are on their way.
+        assert!(twin.asked.load(Ordering::Relaxed) <= answers + 2 * rows.len());
     }
     let heard = Heard::default();
     let (summary, counted) = baked(Some(&Full), &scene, parameters, &heard);

@@ -282,6 +282,8 @@ fn an_edit_of_an_open_town_traces_a_few_rows_of_many_chunks() {
     let (points, all) = (again.exposure_rays, whole.exposure_rays);
     assert!(points > 0 && points * 2 < all, "{points} of {all} rays of points");
     assert!(again.receiver_rays * 3 < whole.receiver_rays, "{again:?}");
+    let (detail, all) = (again.detail_rays, whole.detail_rays);
+    assert!(detail > 0 && detail < all, "{detail} of {all} rays of detail");
     assert!(
         again.stale.stages.iter().any(|stage| stage.why.contains(" can see changed")),
         "{:?}",

@@ -59,9 +59,8 @@ pub(crate) struct BakeArguments {
     /// the bake of an edited scene quick.
     #[arg(long)]
     discard_work: bool,
-    /// Trace the rays of rows and of receivers in the air on the best graphics adapter, which has to be there, and add up
-    /// there where they end; should it fail, this is said and the CPU does the rest. Shares are the same but for rounding and
-    /// rays that pass an edge within it.
+    /// Trace rays on the best graphics adapter, which has to be there, and add up there where they end; should it fail, this
+    /// is said and the CPU does the rest. Shares are the same but for rounding and rays that pass an edge within it.
     #[arg(long)]
     gpu: bool,
     /// Part of the name of the adapter that has to trace; `earthshine gpu` lists them. A software adapter is taken only if
@@ -185,8 +184,10 @@ fn print_summary(summary: &BakeSummary, chosen: &Chosen, world: &std::path::Path
     if summary.device_rays > 0 {
         let rays = summary.device_rays as f64;
         out!(
-            "{rays} rays counted on the device, {:.2} % of them cast on the CPU; {:.1} bytes read back a ray",
+            "{rays} rays traced on the device ({:.1} % of all), {:.2} % of them to no use; {:.1} bytes sent and {:.1} read a ray",
+            100.0 * summary.device_ray_share,
             100.0 * summary.device_returned_rays as f64 / rays,
+            summary.device_sent_bytes as f64 / rays,
             summary.device_read_bytes as f64 / rays
         );
     }

@@ -3,9 +3,11 @@
 //! A *run* is rays side by side whose ends are added up by patch, by lobe of the sky, and for sides without patches. What
 //! is added are integer parts of a ray, so that the order does not matter. A ray whose first triangle a device cannot judge
 //! comes back by its number. [`count_ends`] does all of it on the CPU: the twin of `shaders/wgsl/kernels/count_ends.wgsl`.
-//! It knows no rule of its own: to whom a crossing belongs is told it in [`EndPlaces`] by who bakes.
+//! It knows no rule of its own: to whom a crossing belongs is told it in [`EndPlaces`] by who bakes. What the rays of fans
+//! face ([`face_fans`]) needs no places, and is asked before there are any.
 
 use crate::caster::{CasterError, Query};
+use crate::fan::{RayFan, Rays};
 use crate::{Hit, SceneTracer};
 use earthshine_light::TreeLayout;
 use earthshine_world::{AxisWeights, Direction, Vec3, VoxelCoord};
@@ -29,8 +31,12 @@ pub struct EndTriangle {
     pub normal: Vec3,
     /// What of a ray goes to the patch that faces along each axis, on either side of it; of [`RAY_PARTS`].
     pub parts: [u32; 3],
-    /// Whether only the CPU can tell what a ray finds that meets it first: it may have holes, or places of its own.
+    /// Whether only the CPU can tell what a ray finds that meets it first: it may have holes.
     pub is_for_host: bool,
+    /// Whether that is so in voxels that have [left places out](EndVoxel::has_left_out).
+    pub has_left_out: bool,
+    /// Whether it has no back.
+    pub is_two_sided: bool,
 }
 
 /// Patches of a voxel.
@@ -40,6 +46,8 @@ pub struct EndVoxel {
     pub voxel: VoxelCoord,
     /// By direction, below [`COUNTED_PATCHES_MAX`] or [`NO_PATCH`].
     pub patches: [u32; 6],
+    /// Whether its patches left out places on triangles that say so.
+    pub has_left_out: bool,
 }
 
 /// To whom crossings belong: the voxel a little before the side that is hit, and there by the side's directions.
@@ -51,7 +59,7 @@ pub struct EndPlaces {
     pub off_surface_m: f32,
     /// As in the scene.
     pub triangles: Vec<EndTriangle>,
-    /// Those with patches, each once.
+    /// Those with patches or places left out, each once.
     pub voxels: Vec<EndVoxel>,
 }
 
@@ -96,30 +104,93 @@ pub struct RunEnds {
 pub struct CountedEnds {
     /// Run by run.
     pub runs: Vec<RunEnds>,
-    /// What came from the device, bytes.
+    /// What it took.
+    pub traffic: Traffic,
+}
+
+/// How many of a fan's rays meet what.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct FacedRays {
+    /// The back of something that has but one side.
+    pub back: u32,
+    /// Anything near, be it a back.
+    pub near: u32,
+    /// A triangle that only the CPU can judge; these are not among the others.
+    pub for_host: u32,
+    /// How far the farthest of them gets, m.
+    pub reach_m: f32,
+}
+
+/// The answer to one question about fans.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct FacedFans {
+    /// Fan by fan.
+    pub fans: Vec<FacedRays>,
+    /// What it took.
+    pub traffic: Traffic,
+}
+
+/// The answer to a question about single rays.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct FirstTriangles {
+    /// What each ray meets first, holes or not.
+    pub triangles: Vec<Option<u32>>,
+    /// What it took.
+    pub traffic: Traffic,
+}
+
+/// What goes between host and device for a question.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Traffic {
+    /// To the device, bytes.
+    pub sent_bytes: u64,
+    /// From the device, bytes.
     pub read_bytes: u64,
 }
 
 /// A device that trees can be put on.
 pub trait RayDevice: Sync {
-    /// Puts `layout` on it, and where the rays through it end.
+    /// Puts `layout` on it, and `triangles`, as in the scene.
     ///
     /// # Errors
     /// [`CasterError`]: it has no room, or is gone.
-    fn counter(&self, layout: &TreeLayout, places: &EndPlaces) -> Result<Box<dyn EndCounter>, CasterError>;
+    fn counter(
+        &self,
+        layout: &TreeLayout,
+        triangles: &[EndTriangle],
+    ) -> Result<Box<dyn EndCounter>, CasterError>;
 }
 
-/// Casts rays against the scene of one tracer and adds up their ends.
+/// Casts rays against the scene of one tracer and adds up what they meet. Several threads may ask at once.
 pub trait EndCounter: Send + Sync + std::fmt::Debug {
+    /// What the rays of `fans`, which are at most [`COUNTED_RAYS_MAX`] in all and [`RUN_RAYS_MAX`] each, meet first; nearer
+    /// than `near_m` is near.
+    ///
+    /// # Errors
+    /// [`CasterError`]: the device is gone or full.
+    fn face(&self, fans: &[RayFan], near_m: f32) -> Result<FacedFans, CasterError>;
+
+    /// What each of `rays` meets first, which are at most [`COUNTED_RAYS_MAX`].
+    ///
+    /// # Errors
+    /// [`CasterError`]: the device is gone or full.
+    fn first(&self, rays: &[Query]) -> Result<FirstTriangles, CasterError>;
+
+    /// Puts on it where rays end, before any ends are counted.
+    ///
+    /// # Errors
+    /// [`CasterError`]: the device is gone or full.
+    fn settle(&self, places: &EndPlaces) -> Result<(), CasterError>;
+
     /// The ends of each of `runs` over `rays`, which are at most [`COUNTED_RAYS_MAX`].
     ///
     /// # Errors
     /// [`CasterError`]: the device is gone or full.
-    fn count(&self, rays: &[Query], runs: &[Run]) -> Result<CountedEnds, CasterError>;
+    fn count(&self, rays: &Rays, runs: &[Run]) -> Result<CountedEnds, CasterError>;
 }
 
 impl EndTriangle {
-    /// A triangle with unit `normal`, by the `weights` of its directions along the three axes.
+    /// A triangle with unit `normal` and a back, by the `weights` of its directions along the three axes.
     #[must_use]
     pub fn new(normal: Vec3, weights: [f32; 3], is_for_host: bool) -> Self {
         let whole = |weight: f32| (f64::from(weight) * f64::from(RAY_PARTS)).round() as u32;
@@ -128,8 +199,41 @@ impl EndTriangle {
         let total = whole(weights.iter().sum());
         let largest = (0..3).max_by_key(|&axis| parts[axis]).unwrap_or(0);
         parts[largest] = (parts[largest] + total).saturating_sub(parts.iter().sum());
-        Self { normal, parts, is_for_host }
+        Self { normal, parts, is_for_host, has_left_out: false, is_two_sided: false }
     }
+}
+
+/// What a device that follows the trees of `tracer` finds first along `rays`.
+#[must_use]
+pub fn first_triangles(tracer: &SceneTracer<'_>, rays: &[Query]) -> Vec<Option<u32>> {
+    rays.iter().map(|ray| tracer.first(ray).map(|hit| hit.triangle as u32)).collect()
+}
+
+/// What a device that follows the trees of `tracer` says of `fans`: the twin of `shaders/wgsl/kernels/face_fans.wgsl`.
+#[must_use]
+pub fn face_fans(
+    tracer: &SceneTracer<'_>,
+    triangles: &[EndTriangle],
+    fans: &[RayFan],
+    near_m: f32,
+) -> Vec<FacedRays> {
+    let one = |fan: &RayFan| {
+        let mut faced = FacedRays::default();
+        for ray in 0..fan.ray_count {
+            let hit = tracer.first(&fan.query(ray));
+            faced.reach_m = faced.reach_m.max(hit.map_or(f32::INFINITY, |hit| hit.distance));
+            let Some(hit) = hit else { continue };
+            let triangle = &triangles[hit.triangle];
+            if triangle.is_for_host {
+                faced.for_host += 1;
+            } else {
+                faced.back += u32::from(!hit.front && !triangle.is_two_sided);
+                faced.near += u32::from(hit.distance < near_m);
+            }
+        }
+        faced
+    };
+    fans.iter().map(one).collect()
 }
 
 /// What a device that follows the trees of `tracer` answers: each run's ends, one ray after the other.
@@ -140,8 +244,8 @@ pub fn count_ends(
     rays: &[Query],
     runs: &[Run],
 ) -> Vec<RunEnds> {
-    let voxels: HashMap<VoxelCoord, [u32; 6]> =
-        places.voxels.iter().map(|voxel| (voxel.voxel, voxel.patches)).collect();
+    let voxels: HashMap<VoxelCoord, &EndVoxel> =
+        places.voxels.iter().map(|voxel| (voxel.voxel, voxel)).collect();
     let one = |run: &Run| {
         let mut ends = RunEnds::default();
         for place in 0..run.ray_count {
@@ -158,12 +262,12 @@ pub fn count_ends(
                         ends.sky[lobe.index()] += (RAY_PARTS as f32 * share * weight + 0.5) as u32;
                     }
                 }
-                Some(hit) if places.triangles[hit.triangle].is_for_host => {
-                    if !matches!(run.sum, RunSum::Facing(_)) {
+                Some(hit) => {
+                    let is_known = ends.add(places, &voxels, ray, &hit, (run.sum, &weighed));
+                    if !is_known && !matches!(run.sum, RunSum::Facing(_)) {
                         ends.unknown.push(place);
                     }
                 }
-                Some(hit) => ends.add(places, &voxels, ray, &hit, (run.sum, &weighed)),
             }
         }
         ends.patches.sort_unstable();
@@ -178,20 +282,26 @@ pub fn count_ends(
 }
 
 impl RunEnds {
+    /// Whether a device can tell who takes the ray.
     fn add(
         &mut self,
         places: &EndPlaces,
-        voxels: &HashMap<VoxelCoord, [u32; 6]>,
+        voxels: &HashMap<VoxelCoord, &EndVoxel>,
         ray: &Query,
         hit: &Hit,
         (sum, weighed): (RunSum, &dyn Fn(u32) -> u32),
-    ) {
+    ) -> bool {
         let triangle = &places.triangles[hit.triangle];
         let normal = if hit.front { triangle.normal } else { -triangle.normal };
         let position = ray.origin + ray.direction * hit.distance;
         let voxel = ((position + normal * places.off_surface_m) / places.voxel_edge_m).floor().as_ivec3();
-        let patches = voxels.get(&voxel).unwrap_or(&[NO_PATCH; 6]);
+        let found = voxels.get(&voxel);
+        let has_left_out = triangle.has_left_out && found.is_some_and(|voxel| voxel.has_left_out);
+        if triangle.is_for_host || has_left_out {
+            return false;
+        }
         for axis in 0..3 {
+            let patches = found.map_or(&[NO_PATCH; 6], |voxel| &voxel.patches);
             let patch = patches[Direction::of_component(axis, normal[axis]).index()];
             match (patch, weighed(triangle.parts[axis])) {
                 (_, 0) => {}
@@ -200,5 +310,6 @@ impl RunEnds {
                 (patch, parts) => self.patches.push((patch, parts)),
             }
         }
+        true
     }
 }

@@ -8,6 +8,7 @@
 
 mod caster;
 pub mod ends;
+mod fan;
 mod flat;
 mod follow;
 pub mod hemisphere;
@@ -15,11 +16,12 @@ mod two_level;
 
 pub use crate::caster::{CasterError, Query};
 pub use crate::ends::{EndCounter, RayDevice};
+pub use crate::fan::{RayFan, Rays};
 
 use crate::flat::Flat;
 use crate::two_level::TwoLevel;
 use earthshine_light::TreeLayout;
-use earthshine_light::ray_triangle::{Crossing, ray};
+use earthshine_light::ray_triangle::{Crossing, RayTriangle, ray};
 use earthshine_scene::{Scene, Surface};
 use earthshine_world::Vec3;
 use obvhs::BvhBuildParams;
@@ -157,6 +159,15 @@ impl<'scene> SceneTracer<'scene> {
     ) -> Option<Hit> {
         let ray = run_up(origin, direction, distance_min, distance_max);
         self.closest_of(ray, |hit| !self.is_hole(hit))
+    }
+
+    /// Where `query` crosses `triangle`, which somebody else found to be the first on its way; `None` where it is a hole, or
+    /// passes an edge here.
+    #[must_use]
+    pub fn crossing(&self, query: &Query, triangle: u32) -> Option<Hit> {
+        let corners = *self.scene.triangles.get(triangle as usize)?;
+        let hit = Hit::of(triangle, RayTriangle::new(corners).crossing(&query.ray())?);
+        (!self.is_hole(&hit)).then_some(Hit { distance: hit.distance - RUN_UP_M, ..hit })
     }
 
     /// As [`Self::closest`] from a distance of zero on, where holes count as well.

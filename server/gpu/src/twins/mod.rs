@@ -19,7 +19,7 @@ use crate::readback::read_now;
 use crate::recorder::{Recorder, folded, uniform_buffer};
 use earthshine_shaders::host::{Link, LiveRow, Pass, Resident};
 use earthshine_shaders::kernel::{
-    COUNT_ENDS, GATHER_RECEIVERS, KERNELS, Kernel, LIGHT_POINTS, TRACE_CLOSEST,
+    COUNT_ENDS, FACE_FANS, GATHER_RECEIVERS, KERNELS, Kernel, LIGHT_POINTS, MAKE_RAYS, TRACE_CLOSEST,
 };
 use earthshine_shaders::limits::LANES;
 use earthshine_world::random::{Purpose, hash, unit_f32};
@@ -36,9 +36,11 @@ const TOLERANCE: f64 = 1e-4;
 const MARGIN: [u8; 64] = [0xA5; 64];
 
 /// Kernels that are held against their twins, at such sizes, where what they work on is at hand.
-const ELSEWHERE: [(Kernel, &str); 4] = [
-    (TRACE_CLOSEST, include_str!("../../tests/rays.rs")),
-    (COUNT_ENDS, include_str!("../../tests/ends.rs")),
+const ELSEWHERE: [(Kernel, &str); 6] = [
+    (TRACE_CLOSEST, include_str!("../../tests/rays/closest.rs")),
+    (MAKE_RAYS, include_str!("../../tests/rays/fans.rs")),
+    (FACE_FANS, include_str!("../../tests/rays/fans.rs")),
+    (COUNT_ENDS, include_str!("../../tests/rays/ends.rs")),
     (LIGHT_POINTS, include_str!("../../tests/direct.rs")),
     (GATHER_RECEIVERS, include_str!("../receiver_tests.rs")),
 ];

@@ -1,73 +1,27 @@
 //! Ends of rays counted on a device against the CPU twin, `trace::ends::count_ends`: rays from all over a scene, runs of any
-//! length and kind, voxels of which some have patches on some sides only, triangles that are left to the host.
+//! length and kind, voxels of which some have patches on some sides only, triangles that are left to the host everywhere or in some voxels.
 //!
 //! Sums are of integers and the rays are the same, so runs are equal but where a device, which rounds by itself, sees a
 //! crossing on the other side of a voxel's face, or another of two triangles within rounding. Those are counted.
 
-#![expect(clippy::print_stdout, reason = "counts are wanted beside a pass")]
-
-use earthshine_gen::{GenOptions, WorldKind};
+use crate::asked::{device_or_skip, device_within, generated, queries, run_words, say, sides, words};
+use earthshine_gen::WorldKind;
+use earthshine_gpu::GpuDevice;
 use earthshine_gpu::ends::{
-    EndMap, EndPart, EndRun, EndSide, GpuEnds, KEY_ABSORBED, KEY_SKY, KEY_UNKNOWN, RAY_PARTS, SUM_ABSORBED,
+    AskedRays, EndMap, EndPart, EndRun, GpuEnds, KEY_ABSORBED, KEY_SKY, KEY_UNKNOWN, MapVoxel, RAY_PARTS,
     SUM_WHOLE,
 };
-use earthshine_gpu::{AdapterChoice, GpuDevice};
-use earthshine_scene::{ImportOptions, Scene, load, load_bytes, scenes_dir};
-use earthshine_shaders::host::RayQuery;
+use earthshine_scene::{ImportOptions, Scene, load, scenes_dir};
 use earthshine_trace::ends::{EndPlaces, EndTriangle, EndVoxel, NO_PATCH, Run, RunEnds, RunSum, count_ends};
 use earthshine_trace::{Query, SceneTracer};
-use earthshine_world::random::{Purpose, hash, unit_f32, unit_pair};
+use earthshine_world::random::{Purpose, hash, unit_f32};
 use earthshine_world::{AxisWeights, Direction, Vec3};
 use std::collections::BTreeMap;
-use std::io::Write as _;
 
 /// Of all rays, those that may be counted elsewhere by rounding.
 const ELSEWHERE_MAX: f64 = 2e-3;
 /// Rounding of one weighed part.
 const ROUNDING: u32 = 1;
-
-/// Past the test harness, which swallows what passing tests print.
-fn say(line: &str) {
-    writeln!(std::io::stderr(), "{line}").expect("standard error");
-}
-
-fn device_or_skip() -> Option<GpuDevice> {
-    device_within(u64::MAX)
-}
-
-/// As [`device_or_skip`], one that binds no more than so many bytes.
-fn device_within(binding_bytes_max: u64) -> Option<GpuDevice> {
-    let choice = AdapterChoice { allow_software: true, ..AdapterChoice::default() };
-    match GpuDevice::open_within(&choice, binding_bytes_max) {
-        Ok(device) => Some(device),
-        Err(error) => {
-            assert!(std::env::var_os("EARTHSHINE_TEST_GPU_REQUIRED").is_none(), "{error}");
-            say(&format!("SKIPPED a test of counted ends: {error}"));
-            None
-        }
-    }
-}
-
-/// Rays from all over the scene in all directions, one in eight along an axis.
-fn queries(scene: &Scene, count: u64) -> Vec<Query> {
-    let bounds = scene.bounds();
-    let draw = |index: u64, part: u64| unit_pair(hash(17, Purpose::RowRay, index, part));
-    let one = |index: u64| {
-        let ((a, b), (c, d), (e, _)) = (draw(index, 0), draw(index, 1), draw(index, 2));
-        let up = 2.0 * c - 1.0;
-        let (sin, cos) = (d * std::f32::consts::TAU).sin_cos();
-        let flat = (1.0 - up * up).max(0.0).sqrt();
-        let direction = Vec3::new(flat * cos, up, flat * sin).normalize_or(Vec3::Y);
-        let direction =
-            if index.is_multiple_of(8) { Direction::ALL[index as usize / 8 % 6].vector() } else { direction };
-        Query {
-            origin: bounds.min + bounds.size() * Vec3::new(a, b, e),
-            direction,
-            distance_max: f32::INFINITY,
-        }
-    };
-    (0..count).map(one).collect()
-}
 
 /// Places where three in four voxels that rays meet have patches on four in five sides; one triangle in ten is the host's.
 fn places(scene: &Scene, tracer: &SceneTracer<'_>, rays: &[Query], voxel_edge_m: f32) -> EndPlaces {
@@ -83,14 +37,17 @@ fn places(scene: &Scene, tracer: &SceneTracer<'_>, rays: &[Query], voxel_edge_m:
             let is_there = chance(u64::from(number) + side, 1) < 0.8;
             if is_there { number + side as u32 } else { NO_PATCH }
         };
-        voxels
-            .entry(voxel.to_array())
-            .or_insert_with(|| EndVoxel { voxel, patches: [0, 1, 2, 3, 4, 5].map(patch) });
+        voxels.entry(voxel.to_array()).or_insert_with(|| EndVoxel {
+            voxel,
+            patches: [0, 1, 2, 3, 4, 5].map(patch),
+            has_left_out: chance(u64::from(number), 4) < 0.3,
+        });
     }
     let triangle = |index: usize| {
         let normal = scene.normal(index);
         let weights = AxisWeights::Squared.of(normal).map(|(_, weight)| weight);
-        EndTriangle::new(normal, weights, chance(index as u64, 2) < 0.1)
+        let has_left_out = chance(index as u64, 5) < 0.3;
+        EndTriangle { has_left_out, ..EndTriangle::new(normal, weights, chance(index as u64, 2) < 0.1) }
     };
     EndPlaces {
         voxel_edge_m,
@@ -118,38 +75,6 @@ fn runs(rays: u32) -> Vec<Run> {
     runs
 }
 
-fn words(rays: &[Query]) -> Vec<RayQuery> {
-    let word = |query: &Query| {
-        let (origin, direction, distance_min_m, distance_max_m) = query.as_asked();
-        RayQuery {
-            origin: origin.to_array(),
-            distance_min_m,
-            direction: direction.to_array(),
-            distance_max_m,
-        }
-    };
-    rays.iter().map(word).collect()
-}
-
-fn run_words(run: &Run) -> EndRun {
-    let sum = match run.sum {
-        RunSum::Whole => SUM_WHOLE,
-        RunSum::Facing(direction) => direction.index() as u32,
-        RunSum::Absorbed => SUM_ABSORBED,
-    };
-    EndRun { first_ray: run.first_ray, ray_count: run.ray_count, sum }
-}
-
-fn sides(places: &EndPlaces) -> Vec<EndSide> {
-    let side = |triangle: &EndTriangle| EndSide {
-        normal: triangle.normal.to_array(),
-        is_for_host: u32::from(triangle.is_for_host),
-        parts: triangle.parts,
-        spare: 0,
-    };
-    places.triangles.iter().map(side).collect()
-}
-
 /// A run's parts by key; the twin's as a device lists them.
 fn listed(parts: &[EndPart]) -> BTreeMap<u32, u32> {
     let listed: BTreeMap<u32, u32> = parts.iter().map(|part| (part.key, part.parts)).collect();
@@ -169,15 +94,22 @@ fn compare(device: &GpuDevice, name: &str, scene: &Scene, voxel_edge_m: f32) {
     let tracer = SceneTracer::new(scene);
     let rays = queries(scene, 20_000);
     let places = places(scene, &tracer, &rays, voxel_edge_m);
-    let voxels: Vec<([i32; 3], [u32; 6])> =
-        places.voxels.iter().map(|voxel| (voxel.voxel.to_array(), voxel.patches)).collect();
-    let map =
-        EndMap { sides: &sides(&places), voxels: &voxels, voxel_edge_m, off_surface_m: places.off_surface_m };
-    let mut ends = GpuEnds::new(device, &tracer.layout(), &map, 1 << 15).expect("trees that fit");
+    let voxel = |&EndVoxel { voxel, patches, has_left_out }: &EndVoxel| MapVoxel {
+        voxel: voxel.to_array(),
+        patches,
+        has_left_out,
+    };
+    let voxels: Vec<MapVoxel> = places.voxels.iter().map(voxel).collect();
+    let sides = sides(&places.triangles);
+    let map = EndMap { sides: &sides, voxels: &voxels, voxel_edge_m, off_surface_m: places.off_surface_m };
+    let mut ends = GpuEnds::new(device, &tracer.layout(), &sides, 1 << 15).expect("trees that fit");
+    ends.settle(&map).expect("a map that fits");
+    let mut beside = ends.beside().expect("as much room again");
     let runs = runs(rays.len() as u32);
     let asked: Vec<EndRun> = runs.iter().map(run_words).collect();
-    let found = ends.count(&words(&rays), &asked).expect("a device that works");
-    let again = ends.count(&words(&rays), &asked).expect("a device that works");
+    let words = words(&rays);
+    let found = ends.count(AskedRays::Made(&words), &asked).expect("a device that works");
+    let again = beside.count(AskedRays::Made(&words), &asked).expect("a device that works");
     let expected = count_ends(&tracer, &places, &rays, &runs);
     let (mut same, mut elsewhere, mut keys) = (0, 0u64, [0usize; 4]);
     for (at, (found, expected)) in found.runs.iter().zip(&expected).enumerate() {
@@ -213,9 +145,7 @@ fn compare(device: &GpuDevice, name: &str, scene: &Scene, voxel_edge_m: f32) {
 fn generated_worlds_are_counted_as_on_the_cpu() {
     let Some(device) = device_or_skip() else { return };
     for (kind, voxel_edge_m) in [(WorldKind::Cornell, 0.25), (WorldKind::Town, 2.0)] {
-        let options = GenOptions { town_size_m: 60.0, ..GenOptions::default() };
-        let glb = earthshine_gen::generate(kind, &options, &|_, _| {}).expect("a world");
-        let scene = load_bytes(&glb.bytes, "test", &ImportOptions::default()).expect("an importable world");
+        let scene = generated(kind, 1, 60.0);
         compare(&device, &format!("{kind:?}"), &scene, voxel_edge_m);
     }
 }
@@ -237,8 +167,7 @@ fn shared_scenes_are_counted_as_on_the_cpu() {
 #[test]
 fn a_device_without_room_for_a_run_is_refused() {
     let Some(small) = device_within(1 << 13) else { return };
-    let map = EndMap { sides: &[], voxels: &[], voxel_edge_m: 1.0, off_surface_m: 1e-3 };
-    let refused = GpuEnds::new(&small, &Default::default(), &map, 64).expect_err("8 KiB").to_string();
+    let refused = GpuEnds::new(&small, &Default::default(), &[], 64).expect_err("8 KiB").to_string();
     assert!(refused.contains("8192") && refused.contains("CPU"), "{refused}");
 }
 
@@ -247,12 +176,16 @@ fn a_device_without_room_for_a_run_is_refused() {
 fn nothing_is_counted_in_nothing() {
     let Some(device) = device_or_skip() else { return };
     let map = EndMap { sides: &[], voxels: &[], voxel_edge_m: 1.0, off_surface_m: 1e-3 };
-    let mut ends = GpuEnds::new(&device, &Default::default(), &map, 64).expect("no trees");
-    assert!(ends.count(&[], &[]).expect("a device that works").runs.is_empty());
-    let run = EndRun { first_ray: 0, ray_count: 0, sum: SUM_WHOLE };
-    assert_eq!(ends.count(&[], &[run]).expect("a device that works").runs, [Vec::new()]);
+    let mut ends = GpuEnds::new(&device, &Default::default(), &[], 64).expect("no trees");
+    ends.settle(&map).expect("nothing fits");
+    let nothing = [AskedRays::Made(&[]), AskedRays::Fans(&[])];
+    for rays in nothing {
+        assert!(ends.count(rays, &[]).expect("a device that works").runs.is_empty());
+        let run = EndRun { first_ray: 0, ray_count: 0, sum: SUM_WHOLE };
+        assert_eq!(ends.count(rays, &[run]).expect("a device that works").runs, [Vec::new()]);
+    }
     let rays = words(&[Query { origin: Vec3::ZERO, direction: Vec3::NEG_Y, distance_max: f32::INFINITY }]);
-    let run = EndRun { ray_count: 1, ..run };
+    let run = EndRun { first_ray: 0, ray_count: 1, sum: SUM_WHOLE };
     let sky = EndPart { key: KEY_SKY + 3, parts: RAY_PARTS };
-    assert_eq!(ends.count(&rays, &[run]).expect("a device that works").runs, [vec![sky]]);
+    assert_eq!(ends.count(AskedRays::Made(&rays), &[run]).expect("a device that works").runs, [vec![sky]]);
 }

@@ -1,78 +1,25 @@
-//! Rays on a device against the tracer whose trees it was given: random rays over every shared scene and a generated town,
+//! What rays meet first on a device, against the tracer whose trees it was given: random rays over every shared scene and a generated town,
 //! with one tree and with two levels of them.
 //!
 //! Both look into the same boxes and compute the same crossings, but a device rounds by itself: of two triangles that a ray
 //! meets within rounding (a shared edge, two walls in one plane) it may name the other, and a ray along an edge may pass.
 //! Those are counted; everything else has to be the same triangle, at the same distance but for rounding.
 
-#![expect(clippy::print_stdout, reason = "counts are wanted beside a pass")]
-
-use earthshine_gen::{GenOptions, WorldKind};
+use crate::asked::{device_or_skip, device_within, generated, queries, say, words};
+use earthshine_gen::WorldKind;
+use earthshine_gpu::GpuDevice;
 use earthshine_gpu::rays::GpuRays;
-use earthshine_gpu::{AdapterChoice, GpuDevice};
 use earthshine_light::TreeLayout;
-use earthshine_scene::{ImportOptions, Scene, load, load_bytes, scenes_dir};
-use earthshine_shaders::host::{RayHit, RayQuery};
+use earthshine_scene::{ImportOptions, Scene, load, scenes_dir};
+use earthshine_shaders::host::RayHit;
 use earthshine_shaders::limits::NO_TRIANGLE;
 use earthshine_trace::{Query, SceneTracer};
 use earthshine_world::Vec3;
-use earthshine_world::random::{Purpose, hash, unit_pair};
-use std::io::Write as _;
 
 /// What a distance may be off by, as a share of it and of the place's coordinates.
 const ROUNDING: f32 = 1e-5;
 /// Of all rays of a scene, those that may end elsewhere by rounding.
 const ELSEWHERE_MAX: f64 = 2e-3;
-
-/// Past the test harness, which swallows what passing tests print.
-fn say(line: &str) {
-    writeln!(std::io::stderr(), "{line}").expect("standard error");
-}
-
-fn device_or_skip() -> Option<GpuDevice> {
-    device_within(u64::MAX)
-}
-
-/// As [`device_or_skip`], one that binds no more than so many bytes.
-fn device_within(binding_bytes_max: u64) -> Option<GpuDevice> {
-    let choice = AdapterChoice { allow_software: true, ..AdapterChoice::default() };
-    match GpuDevice::open_within(&choice, binding_bytes_max) {
-        Ok(device) => Some(device),
-        Err(error) => {
-            assert!(std::env::var_os("EARTHSHINE_TEST_GPU_REQUIRED").is_none(), "{error}");
-            say(&format!("SKIPPED a test of rays: {error}"));
-            None
-        }
-    }
-}
-
-/// Rays from all over the scene in all directions, one in four along an axis, one in eight not far.
-fn queries(scene: &Scene, count: u64) -> Vec<Query> {
-    let bounds = scene.bounds();
-    let draw = |index: u64, part: u64| unit_pair(hash(11, Purpose::RowRay, index, part));
-    let one = |index: u64| {
-        let ((a, b), (c, d), (e, f)) = (draw(index, 0), draw(index, 1), draw(index, 2));
-        let origin = bounds.min + bounds.size() * Vec3::new(a, b, e);
-        let up = 2.0 * c - 1.0;
-        let (sin, cos) = (d * std::f32::consts::TAU).sin_cos();
-        let flat = (1.0 - up * up).max(0.0).sqrt();
-        let direction = Vec3::new(flat * cos, up, flat * sin).normalize_or(Vec3::Y);
-        let along = [Vec3::X, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_X][index as usize / 4 % 4];
-        let direction = if index.is_multiple_of(4) { along } else { direction };
-        let far = if index % 8 == 3 { 10.0 * f } else { f32::INFINITY };
-        Query { origin, direction, distance_max: far }
-    };
-    (0..count).map(one).collect()
-}
-
-fn words(queries: &[Query]) -> Vec<RayQuery> {
-    let word = |query: &Query| {
-        let (origin, direction, distance_min_m, distance_max_m) = query.as_asked();
-        let (origin, direction) = (origin.to_array(), direction.to_array());
-        RayQuery { origin, distance_min_m, direction, distance_max_m }
-    };
-    queries.iter().map(word).collect()
-}
 
 fn named(hit: &RayHit) -> Option<u32> {
     (hit.triangle != NO_TRIANGLE).then_some(hit.triangle)
@@ -110,9 +57,7 @@ fn compare(device: &GpuDevice, name: &str, tracer: &SceneTracer<'_>, queries: &[
 fn a_town_is_hit_as_on_the_cpu() {
     let Some(device) = device_or_skip() else { return };
     for (seed, town_size_m) in [(1, 60.0), (2, 150.0)] {
-        let options = GenOptions { seed, town_size_m, ..GenOptions::default() };
-        let glb = earthshine_gen::generate(WorldKind::Town, &options, &|_, _| {}).expect("a town");
-        let scene = load_bytes(&glb.bytes, "town", &ImportOptions::default()).expect("an importable town");
+        let scene = generated(WorldKind::Town, seed, town_size_m);
         let queries = queries(&scene, 20_000);
         compare(&device, "town, one tree", &SceneTracer::new(&scene), &queries);
         compare(&device, "town, two levels", &SceneTracer::of_meshes(&scene), &queries);
