@@ -32,7 +32,7 @@ pub(super) fn print(report: &Report<Figures>, against: &str) {
         ("RMSE", percent(errors.rel_rmse), mean.clone()),
         ("bias", format!("{:+.2} %", errors.bias * 100.0), mean),
         ("beyond a factor of two", percent(errors.beyond_factor_two), of_points),
-        ("of them lit", percent(errors.beyond_factor_two_lit), of_lit),
+        ("the same, lit points", percent(errors.beyond_factor_two_lit), of_lit),
         ("without light", errors.uncovered.to_string(), format!("of {all} points; not in the errors above")),
         ("patches", figures.patches.to_string(), String::new()),
         ("world", format!("{:.3} MB", figures.world_bytes as f64 / 1e6), rate(figures.world_bytes)),
