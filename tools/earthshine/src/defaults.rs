@@ -56,6 +56,10 @@ const POINTS_FEW: u32 = 16;
 /// Detail of worlds that are streamed and in which nothing emits: hundreds of metres of streets and walls. Direct light has no
 /// noise of rays, so few do.
 const STREAMED: Detail = Detail { per_edge: 2, rays: 256, columns: 64, points: POINTS_FEW };
+/// Parts that it makes of a patch, layers and all (kaykit_city): more than rooms have.
+const STREAMED_PARTS: f64 = 4.9;
+/// Most patches that there are rays for.
+const STREAMED_PATCHES_MAX: f64 = DETAIL_RAYS_MAX as f64 / (STREAMED_PARTS * STREAMED.rays as f64);
 /// Bytes on disk of a patch with its row and the receivers about it; of a part of one, and of each column of its row.
 const PATCH_BYTES: u64 = 1500;
 const PART_BYTES: f64 = 33.0;
@@ -185,7 +189,7 @@ fn counted(counter: &PatchCounter<'_>, voxel_edge_m: f32) -> Option<PatchGuess> 
     // What cannot be an edge is refused by the bake, in its own words.
     let is_edge = voxel_edge_m.is_finite() && voxel_edge_m > 0.0;
     // Half of all places may be buried.
-    let most = 2.0 * DETAIL_RAYS_MAX as f64 / (parts(1.0, STREAMED.per_edge) * f64::from(STREAMED.rays));
+    let most = 2.0 * STREAMED_PATCHES_MAX;
     if is_edge { counter.patches_at(voxel_edge_m, most) } else { None }
 }
 
@@ -210,10 +214,8 @@ fn fitting(guess: &PatchGuess, emits: bool) -> Option<Detail> {
 
 /// The detail of a world that no server holds whole, if there are rays for it.
 fn streamed(guess: &PatchGuess) -> Option<Detail> {
-    let Detail { per_edge, rays, .. } = STREAMED;
-    let cast = parts(guess.count, per_edge) * f64::from(rays);
-    let fits_chunk = parts(guess.of_chunk_max, per_edge) <= CHUNK_PARTS_MAX;
-    (fits_chunk && cast <= DETAIL_RAYS_MAX as f64).then_some(STREAMED)
+    let fits_chunk = STREAMED_PARTS * guess.of_chunk_max <= CHUNK_PARTS_MAX;
+    (fits_chunk && guess.count <= STREAMED_PATCHES_MAX).then_some(STREAMED)
 }
 
 /// The columns that each of `parts` may have so that a server holds them all, beside so many patches.
@@ -286,7 +288,7 @@ mod tests {
         let city = |count: f64| PatchGuess { count, of_chunk_max: count / 100.0 };
         assert_eq!(of(city(60_000.0)), Some(STREAMED));
         assert_eq!(of(city(152_000.0)), Some(STREAMED));
-        assert_eq!(of(city(220_000.0)), None, "too many rays");
+        assert_eq!(of(city(165_000.0)), None, "too many rays");
         assert_eq!(
             of(PatchGuess { of_chunk_max: 60_000.0, ..city(152_000.0) }),
             None,
