@@ -16,7 +16,7 @@ const BATCH: usize = 256;
 
 /// Asks each hidden point of `samples`, which `caster`'s rays may begin on, whether it is hidden in its detail voxel too.
 ///
-/// The rays are those that found it hidden, fewer where they soon tell.
+/// The rays are those that found it hidden, fewer where they soon tell; no summary counts them.
 pub(crate) fn expose(samples: &mut [SurfaceSample], caster: &RowCaster<'_>) {
     let parameters = caster.parameters;
     samples.par_chunks_mut(BATCH).for_each(|samples| {
