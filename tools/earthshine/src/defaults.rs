@@ -56,7 +56,7 @@ const POINTS_FEW: u32 = 16;
 /// Detail of worlds that are streamed and in which nothing emits: hundreds of metres of streets and walls. Direct light has no
 /// noise of rays, so few do.
 const STREAMED: Detail = Detail { per_edge: 2, rays: 256, columns: 64, points: POINTS_FEW };
-/// Parts that it makes of a patch, layers and all (kaykit_city): more than rooms have.
+/// Parts that it makes of a patch, layers and all (`kaykit_city`): more than rooms have.
 const STREAMED_PARTS: f64 = 4.9;
 /// Most patches that there are rays for.
 const STREAMED_PATCHES_MAX: f64 = DETAIL_RAYS_MAX as f64 / (STREAMED_PARTS * STREAMED.rays as f64);
