@@ -66,19 +66,24 @@ impl GpuMatrix {
     }
 
     /// Entries of free slots are passed over, slots that are named twice are added up.
-    fn exchange_of(&self, arrivals: &[Arrival<'_>]) -> Exchange {
+    fn exchange_of(&mut self, arrivals: &[Arrival<'_>]) -> Exchange {
         let place_of: BTreeMap<Slot, usize> =
             (0..).zip(arrivals).map(|(place, of)| (of.slot, place)).collect();
         let stripes = self.rows() / TILE_EDGE as usize;
         let width = BLOCK as usize;
         let (among, is_named) = (vec![0.0; width * width], vec![0; stripes]);
         let mut exchange = Exchange { entries: Vec::new(), among, is_named };
-        let mut columns: BTreeMap<u32, f32> = BTreeMap::new();
+        let mut places = Vec::new();
         for (new, arrival) in arrivals.iter().enumerate() {
             for &(slot, share) in arrival.row {
                 let square_metres = arrival.area * share;
                 if self.is_taken(slot) {
-                    *columns.entry(slot.0 * BLOCK + new as u32).or_default() += square_metres;
+                    let at = slot.0 * BLOCK + new as u32;
+                    let exchanged = &mut self.exchanged[at as usize];
+                    if *exchanged == 0.0 && square_metres > 0.0 {
+                        places.push(at);
+                    }
+                    *exchanged += square_metres;
                 } else if let Some(&other) = place_of.get(&slot).filter(|&&other| other <= new) {
                     exchange.among[new * width + other] += square_metres;
                     if other != new {
@@ -87,8 +92,9 @@ impl GpuMatrix {
                 }
             }
         }
-        for (at, exchange_m2) in columns {
+        for at in places {
             exchange.is_named[(at / BLOCK / TILE_EDGE) as usize] = 1;
+            let exchange_m2 = std::mem::take(&mut self.exchanged[at as usize]);
             exchange.entries.push(ExchangeEntry { at, exchange_m2 });
         }
         exchange

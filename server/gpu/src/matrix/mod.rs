@@ -28,7 +28,7 @@ use crate::timing::{PassTime, Sampling, Timing};
 use buffers::Buffers;
 use earthshine_radiosity::{BackendError, Slot};
 use earthshine_shaders::host::{Pass, Resident};
-use earthshine_shaders::limits::TILE_EDGE;
+use earthshine_shaders::limits::{BLOCK, TILE_EDGE};
 use earthshine_world::Rgb;
 
 pub(crate) use buffers::sizes;
@@ -41,6 +41,8 @@ pub(crate) struct GpuMatrix {
     buffers: Buffers,
     /// Reflectance and area of each slot, of those whom the device has refused too until it is told.
     residents: Vec<Resident>,
+    /// What a block exchanges with residents, m2, a column for each patch; zero between blocks.
+    exchanged: Vec<f32>,
     /// One past the highest taken slot.
     extent: u32,
     /// Stripes that hold what the next gather multiplies.
@@ -66,6 +68,7 @@ impl GpuMatrix {
             capacity,
             buffers,
             residents: vec![Resident::default(); rows],
+            exchanged: vec![0.0; rows * BLOCK as usize],
             extent: 0,
             named: 0,
             repair_from: 0,

@@ -7,7 +7,7 @@
 use super::Report;
 use super::gpu_frame::{DirectFigures, FrameArguments, FrameWork};
 use super::gpu_gather::{GatherArguments, GatherFigures, GatherWork};
-use super::gpu_matrix::{MatrixArguments, MatrixBench, copy_rate};
+use super::gpu_matrix::{BlockFigures, MatrixArguments, MatrixBench, copy_rate};
 use super::gpu_news::{self, NewsArguments, NewsFigures};
 use super::gpu_rays::{self, RayArguments};
 use super::gpu_step::{self, StepArguments};
@@ -70,10 +70,8 @@ struct Figures {
     open_ms: f64,
     /// Largest difference of a patch's irradiance from the CPU backend's, as a share of the brightest.
     irradiance_error_rel: f64,
-    /// Per patch of a block that enters or leaves, whichever takes longer, waits included.
-    block_patch_us: f64,
-    add_patch_us: f64,
-    remove_patch_us: f64,
+    #[serde(flatten)]
+    blocks: BlockFigures,
     /// The product of a frame, three planes: all its passes over them, and that which adds up what they found.
     product_ms: f64,
     /// Bytes of the planes read in a second of it.
@@ -186,9 +184,7 @@ pub(crate) fn run(arguments: &GpuBenchArguments, json: bool) -> anyhow::Result<(
         items: arguments.items,
         open_ms,
         irradiance_error_rel,
-        block_patch_us: blocks.add_patch_us.max(blocks.remove_patch_us),
-        add_patch_us: blocks.add_patch_us,
-        remove_patch_us: blocks.remove_patch_us,
+        blocks,
         product_ms,
         product_gb_s,
         product_drift_rel,
