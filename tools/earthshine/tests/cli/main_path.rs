@@ -3,11 +3,11 @@
 use crate::command::{files, program, run};
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::Path;
-use std::process::{Child, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// A server that is stopped by hand, or with the test.
-struct Served {
+pub(crate) struct Served {
     child: Child,
     uri: String,
     /// Its operators' port, HOST:PORT.
@@ -17,8 +17,13 @@ struct Served {
 impl Served {
     /// Starts `serve world` on free ports and waits until it says where.
     fn start(folder: &Path) -> Self {
-        let mut command = program(folder);
+        Self::start_by(program(folder), &[])
+    }
+
+    /// As [`Self::start`], by `command` and with more arguments.
+    pub(crate) fn start_by(mut command: Command, more: &[&str]) -> Self {
         command.args(["serve", "world", "--listen", "127.0.0.1:0", "--admin-listen", "127.0.0.1:0"]);
+        command.args(more);
         let mut child =
             command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the program starts");
         let mut output = BufReader::new(child.stdout.take().expect("a pipe"));
@@ -36,7 +41,7 @@ impl Served {
     }
 
     /// Sends SIGTERM and waits for the end: exit code and last words.
-    fn terminate(mut self) -> (Option<i32>, String) {
+    pub(crate) fn terminate(mut self) -> (Option<i32>, String) {
         let pid = rustix::process::Pid::from_child(&self.child);
         rustix::process::kill_process(pid, rustix::process::Signal::TERM).expect("a running process");
         let deadline = Instant::now() + Duration::from_secs(20);
