@@ -415,20 +415,13 @@ gpu_structs! {
     ReceiverSpan {
         /// Of the lobes +X, -X, +Y.
         first_sky: [f32; 3],
-        /// Where its columns begin.
+        /// Word where its columns begin.
         first: u32,
         /// Of the lobes -Y, +Z, -Z.
         last_sky: [f32; 3],
-        /// How many.
+        /// How many, at most [`ROW_COLUMNS_MAX`](crate::limits::ROW_COLUMNS_MAX); times 2^24, of narrow columns: shares are
+        /// half floats over two to that.
         count: u32,
-    }
-
-    /// One form factor of a receiver's row.
-    ReceiverColumn {
-        /// Segment of its chunk, and the patch in it times 2^16.
-        patch_of: u32,
-        /// 0..=1.
-        share: f32,
     }
 
     /// A receiver whose light is asked for.
@@ -437,6 +430,8 @@ gpu_structs! {
         row: u32,
         /// Where the segments of its chunk begin.
         first_span: u32,
+        /// Word where the targets of its chunk begin, or [`NO_TARGETS`](crate::limits::NO_TARGETS).
+        first_target: u32,
     }
 
     /// Where the patches of a segment are in the list of sources.

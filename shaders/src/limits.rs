@@ -40,6 +40,10 @@ pub const TREE_STACK: u32 = 40;
 pub const NO_TRIANGLE: u32 = u32::MAX;
 /// Of a column that no source stands for.
 pub const NO_SOURCE: u32 = u32::MAX;
+/// Of rows whose columns name their targets themselves.
+pub const NO_TARGETS: u32 = u32::MAX;
+/// Most columns of a row.
+pub const ROW_COLUMNS_MAX: u32 = (1 << 24) - 1;
 /// Parts of a row's sums: what comes from slots, from coarse parents, from the sky.
 pub const SUM_PARTS: u32 = 3;
 /// Parts of a ray that counts whole.
@@ -88,6 +92,8 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("TREE_STACK", TREE_STACK),
     ("NO_TRIANGLE", NO_TRIANGLE),
     ("NO_SOURCE", NO_SOURCE),
+    ("NO_TARGETS", NO_TARGETS),
+    ("ROW_COLUMNS_MAX", ROW_COLUMNS_MAX),
     ("SUM_PARTS", SUM_PARTS),
     ("RAY_PARTS", RAY_PARTS),
     ("RUN_RAYS", RUN_RAYS),

@@ -46,6 +46,7 @@ mod matrix;
 pub mod memory;
 mod mirror;
 pub mod news;
+mod packed_rows;
 mod pipeline;
 mod pipeline_cache;
 mod plane;

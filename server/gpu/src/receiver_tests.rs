@@ -205,6 +205,38 @@ fn tables_and_chunks_follow_what_comes_and_goes() {
     check(&mut gpu, &Question::new(&chunks[1..], Residency::Mixed(1)));
 }
 
+/// Goal: rows whose shares are half floats take half the room, and gather the same bits. Method: the same rows, and one more that
+/// does not fit, by which the whole chunk is held wide; shares of all magnitudes.
+#[test]
+fn rows_of_half_floats_gather_the_same_bits_in_half_the_room() {
+    let Some(device) = device_or_skip() else { return };
+    let lengths: Vec<usize> = (0..90).map(|row| row * 37 % 2000).collect();
+    let mut narrow = Chunk::clone(&chunk(0, &lengths));
+    // Eleven bits of mantissa, within 24 octaves of the largest of a row.
+    for (at, share) in narrow.receivers.rows.shares.iter_mut().enumerate() {
+        let magnitude = 2f32.powi(-(at as i32 * 7 % 14)) / 1024.0;
+        *share = f32::from_bits((share.max(1e-6).to_bits() & 0x7F_E000) | magnitude.to_bits());
+    }
+    let mut wide = narrow.clone();
+    let rows = &mut wide.receivers.rows;
+    rows.columns.push(Column { segment: 0, local: 0 });
+    rows.shares.push(0.1);
+    rows.row_starts.push(rows.columns.len() as u32);
+    rows.sky_shares.push([0.0; 6]);
+    rows.absorbed_shares.push(0.9);
+    wide.receivers.places.push(wide.receivers.places[0]);
+    let [narrow, wide] = [narrow, wide].map(Arc::new);
+    let gathered = |chunk: &Arc<Chunk>| {
+        let mut gpu = GpuReceivers::new(&device).expect("a small buffer");
+        let mut question = Question::new(&[Arc::clone(chunk)], Residency::Mixed(1));
+        question.rows.retain(|row| row.row < 90);
+        (check(&mut gpu, &question), *device.row_bytes() as f64)
+    };
+    let [(narrow, narrow_bytes), (wide, wide_bytes)] = [gathered(&narrow), gathered(&wide)];
+    assert_eq!(narrow, wide, "the same bits");
+    assert!(narrow_bytes < 0.52 * wide_bytes, "{narrow_bytes} of {wide_bytes} bytes");
+}
+
 /// Goal: what has not changed does not cross, whatever else is asked for in between, and what was told follows its row. Method: the
 /// same rows again, in another order, fewer, after others, after their chunk went and came; bytes are counted.
 #[test]

@@ -9,15 +9,16 @@
 use crate::arena::Arena;
 use crate::device::GpuDevice;
 use crate::mirror::Mirror;
+use crate::packed_rows::PackedRows;
 use crate::recorder::{Recorder, folded, uniform_buffer};
 use crate::row_room::RowRoom;
 use crate::timing::{PassTime, Sampling, Timing};
 use crate::told_sums::{SUMS_BYTES, ToldSums};
 use earthshine_radiosity::BackendError;
 use earthshine_radiosity::receivers::{ReceiverGather, ReceiverLight, ReceiverRow, ReceiverSums, RowsOf};
-use earthshine_shaders::host::{Pass, ReceiverAsked, ReceiverColumn, ReceiverSpan, SegmentSpan};
+use earthshine_shaders::host::{Pass, ReceiverAsked, ReceiverSpan, SegmentSpan};
 use earthshine_shaders::kernel::GATHER_RECEIVERS;
-use earthshine_world::{Asked, Chunk, ChunkRows, Column, Vec4};
+use earthshine_world::{Asked, Chunk, Vec4};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use wgpu::Buffer;
@@ -26,8 +27,10 @@ use wgpu::Buffer;
 pub const ROWS_MAX: usize = 1 << 16;
 /// Most memory for the columns of rows, of all who gather on a device together, bytes.
 pub const COLUMN_BYTES_MAX: u64 = 256 << 20;
-/// Columns that there is room for at first.
-const COLUMNS_MIN: u64 = 1 << 16;
+/// Words of columns that there is room for at first.
+const WORDS_MIN: u64 = 1 << 16;
+/// Bytes of a word.
+const WORD: u64 = 4;
 /// Rows that there is room for at first.
 const ROWS_MIN: u64 = 1 << 10;
 /// Rows that a workgroup gathers.
@@ -73,6 +76,7 @@ impl From<BackendError> for ReceiversError {
 struct Resident {
     _held: Arc<Chunk>,
     first_row: u32,
+    first_target: u32,
 }
 
 /// Receivers of one session, or patches of one of its levels, on a device.
@@ -119,7 +123,7 @@ impl GpuReceivers {
             column_bytes_max,
             residents: BTreeMap::new(),
             rows: Arena::new(device, "receivers", size_of::<ReceiverSpan>(), rows_min)?,
-            columns: Arena::new(device, "receiver columns", size_of::<ReceiverColumn>(), 0)?,
+            columns: Arena::new(device, "receiver columns", WORD as usize, 0)?,
             column_room: RowRoom::new(device),
             asked: Mirror::new(device, "asked receivers")?,
             spans: Mirror::new(device, "segments")?,
@@ -189,59 +193,68 @@ impl GpuReceivers {
             self.residents.clear();
         }
         self.residents.retain(|at, _| named.contains_key(at));
-        if !self.place_all(&named, gather.rows_of) {
-            self.make_room(&named, gather.rows_of)?;
-            self.place_all(&named, gather.rows_of);
+        if !self.place_new(&named, gather.rows_of) {
+            self.place_all(&named, gather.rows_of)?;
         }
         Ok(())
     }
 
     /// Uploads the chunks of `named` that are not there, as long as there is room. Returns whether there was.
-    fn place_all(&mut self, named: &BTreeMap<usize, &Arc<Chunk>>, rows_of: RowsOf) -> bool {
-        for (&at, &chunk) in named {
-            if self.residents.contains_key(&at) {
-                continue;
-            }
-            let rows = rows_of.of(chunk);
-            if !self.rows.has_room(rows.row_count()) || !self.columns.has_room(rows.columns.len()) {
-                return false;
-            }
-            let first = self.columns.push(&self.device, &column_words(rows));
-            let first_row = self.rows.push(&self.device, &row_words(rows, first));
-            self.residents.insert(at, Resident { _held: Arc::clone(chunk), first_row });
+    fn place_new(&mut self, named: &BTreeMap<usize, &Arc<Chunk>>, rows_of: RowsOf) -> bool {
+        named.iter().all(|(at, chunk)| {
+            self.residents.contains_key(at) || self.place(chunk, rows_of, &PackedRows::new(rows_of.of(chunk)))
+        })
+    }
+
+    /// Uploads the rows of `chunk` if there is room; returns whether there was.
+    fn place(&mut self, chunk: &Arc<Chunk>, rows_of: RowsOf, packed: &PackedRows) -> bool {
+        let rows = rows_of.of(chunk);
+        if !self.rows.has_room(rows.row_count()) || !self.columns.has_room(packed.words.len()) {
+            return false;
         }
+        let first = self.columns.push(&self.device, &packed.words);
+        let first_row = self.rows.push(&self.device, &packed.spans(rows, first));
+        let first_target = packed.first_target(first);
+        let resident = Resident { _held: Arc::clone(chunk), first_row, first_target };
+        self.residents.insert(address(chunk), resident);
         true
     }
 
-    /// Forgets all rows and makes room for twice what `named` have, or for just that where there is to be no more.
-    fn make_room(
+    /// Forgets all rows, makes room for twice what `named` have, or for just that where there is to be no more, and uploads them.
+    fn place_all(
         &mut self,
         named: &BTreeMap<usize, &Arc<Chunk>>,
         rows_of: RowsOf,
     ) -> Result<(), ReceiversError> {
         self.residents.clear();
-        let of = |chunk: &&Arc<Chunk>| {
-            let rows = rows_of.of(chunk);
-            (rows.row_count() as u64, rows.columns.len() as u64)
-        };
-        let (rows, columns) = named.values().map(of).fold((0, 0), |sum, one| (sum.0 + one.0, sum.1 + one.1));
+        let packed: Vec<(&Arc<Chunk>, PackedRows)> =
+            named.values().map(|&chunk| (chunk, PackedRows::new(rows_of.of(chunk)))).collect();
+        let rows = packed.iter().map(|(chunk, _)| rows_of.of(chunk).row_count() as u64).sum();
+        self.make_room(rows, WORD * packed.iter().map(|(_, packed)| packed.words.len() as u64).sum::<u64>())?;
+        for (chunk, packed) in &packed {
+            assert!(self.place(chunk, rows_of, packed), "room was made for all");
+        }
+        Ok(())
+    }
+
+    /// Makes room for twice as many `rows` and bytes of columns, or for just that where there is to be no more.
+    fn make_room(&mut self, rows: u64, column_bytes: u64) -> Result<(), ReceiversError> {
         let binding = self.device.binding_bytes_max();
         let too_large = |bytes: u64| move |most: u64| ReceiversError::TooLarge { bytes, most };
-        let strides = (size_of::<ReceiverSpan>(), size_of::<ReceiverColumn>());
         // What was told of a row takes more than the row.
-        let [row_bytes, column_bytes] = [rows * SUMS_BYTES as u64, columns * strides.1 as u64];
+        let row_bytes = rows * SUMS_BYTES as u64;
         if row_bytes.max(column_bytes) > binding {
             return Err(too_large(row_bytes.max(column_bytes))(binding));
         }
-        let wanted = (2 * column_bytes).max(COLUMNS_MIN * strides.1 as u64).min(binding);
+        let wanted = (2 * column_bytes).max(WORDS_MIN * WORD).min(binding);
         // The old ones are given up before the new ones are taken.
-        self.columns = Arena::new(&self.device, "receiver columns", strides.1, 0)?;
+        self.columns = Arena::new(&self.device, "receiver columns", WORD as usize, 0)?;
         let given = self.column_room.take(wanted, column_bytes, self.column_bytes_max);
-        let columns = given.map_err(too_large(column_bytes))? / strides.1 as u64;
+        let words = given.map_err(too_large(column_bytes))? / WORD;
         let rows = (2 * rows).max(ROWS_MIN).min(binding / SUMS_BYTES as u64);
         let made = ToldSums::new(&self.device, rows).and_then(|told| {
-            let rows = Arena::new(&self.device, "receivers", strides.0, rows)?;
-            Ok((told, rows, Arena::new(&self.device, "receiver columns", strides.1, columns)?))
+            let rows = Arena::new(&self.device, "receivers", size_of::<ReceiverSpan>(), rows)?;
+            Ok((told, rows, Arena::new(&self.device, "receiver columns", WORD as usize, words)?))
         });
         // Room for what could not be had is left to others.
         (self.told, self.rows, self.columns) =
@@ -253,8 +266,8 @@ impl GpuReceivers {
     fn bring_lists(&mut self, gather: &ReceiverGather<'_>) -> Result<Vec<u32>, ReceiversError> {
         let ask = |row: &ReceiverRow| {
             let chunk = row.chunk as usize;
-            let first_row = self.residents[&address(gather.chunks[chunk])].first_row;
-            ReceiverAsked { row: first_row + row.row, first_span: gather.first_spans[chunk] }
+            let &Resident { first_row, first_target, .. } = &self.residents[&address(gather.chunks[chunk])];
+            ReceiverAsked { row: first_row + row.row, first_span: gather.first_spans[chunk], first_target }
         };
         let asked: Vec<ReceiverAsked> = gather.rows.iter().map(ask).collect();
         let spans: Vec<SegmentSpan> =
@@ -344,24 +357,4 @@ impl ReceiverLight for GpuReceivers {
 
 fn address(chunk: &Arc<Chunk>) -> usize {
     Arc::as_ptr(chunk).addr()
-}
-
-fn column_words(rows: &ChunkRows) -> Vec<ReceiverColumn> {
-    let of = |column: &Column| u32::from(column.segment) | u32::from(column.local) << 16;
-    rows.columns
-        .iter()
-        .zip(&rows.shares)
-        .map(|(column, &share)| ReceiverColumn { patch_of: of(column), share })
-        .collect()
-}
-
-/// Rows whose columns begin at `first`.
-fn row_words(rows: &ChunkRows, first: u32) -> Vec<ReceiverSpan> {
-    let of = |(bounds, sky): (&[u32], &[f32; 6])| ReceiverSpan {
-        first_sky: [sky[0], sky[1], sky[2]],
-        first: first + bounds[0],
-        last_sky: [sky[3], sky[4], sky[5]],
-        count: bounds[1] - bounds[0],
-    };
-    rows.row_starts.windows(2).zip(&rows.sky_shares).map(of).collect()
 }

@@ -60,8 +60,9 @@ pub(crate) fn work(kernel: &Kernel, pass: &Pass, items: u64) -> Option<Work> {
         "clear_slots" => each(NUMBER + 6.0 * LIGHT, 0.0),
         // A row's place, its slot, what comes from outside, what arrives; a link and what its slot sends.
         "gather_rows" => both((3.0 * NUMBER + 2.0 * LIGHT, 4.0), (2.0 * NUMBER + LIGHT, 8.0)),
-        // Who is asked for, a row, the light of three kinds; a column, its span and place in the list, a source.
-        "gather_receivers" => both((22.0 * NUMBER, 24.0), (5.0 * NUMBER + LIGHT, 10.0)),
+        // Who is asked for, a row, the light of three kinds; a column, its
+        // target, the span and place in the list of that, a source.
+        "gather_receivers" => both((23.0 * NUMBER, 24.0), (5.0 * NUMBER + LIGHT, 10.0)),
         // Who is asked for, four numbers gathered and told. What is news comes on top of it, as for light of slots.
         "count_sums" | "list_sums" => {
             each(2.0 * LIGHT + 2.0 * NUMBER / f64::from(pass.part_count.max(1)), 0.0)

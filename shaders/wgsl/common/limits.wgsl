@@ -20,6 +20,10 @@ const TREE_STACK: u32 = 40u;
 const NO_TRIANGLE: u32 = 0xFFFFFFFFu;
 // Of a column that no source stands for.
 const NO_SOURCE: u32 = 0xFFFFFFFFu;
+// Of rows whose columns name their targets themselves.
+const NO_TARGETS: u32 = 0xFFFFFFFFu;
+// Most columns of a row.
+const ROW_COLUMNS_MAX: u32 = 0xFFFFFFu;
 // Parts of a row's sums: what comes from slots, from coarse parents, from the sky.
 const SUM_PARTS: u32 = 3u;
 // Parts of a ray that counts whole.

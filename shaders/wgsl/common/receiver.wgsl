@@ -1,21 +1,18 @@
-// A receiver's row: where its columns are, and its sky shares by lobe, those of +X -X +Y and of -Y +Z -Z.
+// A receiver's row: where its columns are, and its sky shares by lobe, those of +X -X +Y and of -Y +Z -Z. A column is one
+// word, its target among its chunk's and above that a half float; or two, its target and an f32.
 struct ReceiverSpan {
     first_sky: vec3<f32>,         //  0
-    first: u32,                   // 12  where its columns begin
+    first: u32,                   // 12  word where its columns begin
     last_sky: vec3<f32>,          // 16
-    count: u32,                   // 28
+    count: u32,                   // 28  in the lowest 24 bits; above, shares are half floats over two to that
 }                                 // 32
-
-struct ReceiverColumn {
-    patch_of: u32,                //  0  segment, and the patch in it times 2^16
-    share: f32,                   //  4  0..=1
-}                                 //  8
 
 // A receiver whose light is asked for.
 struct ReceiverAsked {
     row: u32,                     //  0
     first_span: u32,              //  4  where the segments of its chunk begin
-}                                 //  8
+    first_target: u32,            //  8  word where the targets of its chunk begin, or NO_TARGETS
+}                                 // 12
 
 // Where the patches of a segment are in the list of sources.
 struct SegmentSpan {

@@ -3,7 +3,7 @@
 
 @group(0) @binding(1) var<storage, read> asked: array<ReceiverAsked>;
 @group(0) @binding(2) var<storage, read> rows: array<ReceiverSpan>;
-@group(0) @binding(3) var<storage, read> columns: array<ReceiverColumn>;
+@group(0) @binding(3) var<storage, read> columns: array<u32>;
 @group(0) @binding(4) var<storage, read> spans: array<SegmentSpan>;
 @group(0) @binding(5) var<storage, read> source_of: array<u32>;
 @group(0) @binding(6) var<storage, read> sources: array<vec4<f32>>;
@@ -20,6 +20,26 @@ var<workgroup> lane_near: array<vec4<f32>, 256>;
 var<workgroup> lane_far: array<vec4<f32>, 256>;
 var<workgroup> lane_far_share: array<f32, 256>;
 
+// Segment of its chunk, and the patch in it times 2^16.
+fn target_of(receiver: ReceiverAsked, row: ReceiverSpan, item: u32) -> u32 {
+    if receiver.first_target == NO_TARGETS {
+        return columns[row.first + 2u * item];
+    }
+    return columns[receiver.first_target + (columns[row.first + item] & 0xFFFFu)];
+}
+
+// Exact: every half float over a power of two that is asked for is a normal f32, or zero.
+fn share_of(receiver: ReceiverAsked, row: ReceiverSpan, item: u32) -> f32 {
+    if receiver.first_target == NO_TARGETS {
+        return bitcast<f32>(columns[row.first + 2u * item + 1u]);
+    }
+    let half = columns[row.first + item] >> 16u;
+    let exponent = half >> 10u;
+    let whole = (half & 0x3FFu) + select(1024u, 0u, exponent == 0u);
+    let scale = 127 + i32(max(exponent, 1u)) - 25 - i32(row.count >> 24u);
+    return f32(whole) * bitcast<f32>(u32(scale) << 23u);
+}
+
 @compute @workgroup_size(256)
 fn gather_receivers(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -32,20 +52,21 @@ fn gather_receivers(
     if at < pass_of.entry_count {
         let receiver = asked[at];
         let row = rows[receiver.row];
-        for (var item = lane % ROW_LANES; item < row.count; item += ROW_LANES) {
-            let column = columns[row.first + item];
-            let span = spans[receiver.first_span + (column.patch_of & 0xffffu)];
-            let local = column.patch_of >> 16u;
+        for (var item = lane % ROW_LANES; item < (row.count & ROW_COLUMNS_MAX); item += ROW_LANES) {
+            let patch_of = target_of(receiver, row, item);
+            let share = share_of(receiver, row, item);
+            let span = spans[receiver.first_span + (patch_of & 0xFFFFu)];
+            let local = patch_of >> 16u;
             var source = NO_SOURCE;
             if local < span.count {
                 source = source_of[span.first + local];
             }
             if source < pass_of.rows {
-                near += column.share * vec4<f32>(sources[source].xyz, 1.0);
+                near += share * vec4<f32>(sources[source].xyz, 1.0);
             } else {
-                far_share += column.share;
+                far_share += share;
                 if source != NO_SOURCE {
-                    far += column.share * sources[source];
+                    far += share * sources[source];
                 }
             }
         }

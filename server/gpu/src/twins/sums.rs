@@ -41,8 +41,10 @@ fn list(
 fn what_differs_is_listed(bench: &Bench<'_>, n: usize) {
     for (parts, changed) in [(0..SUM_PARTS, 0.0), (0..SUM_PARTS, 0.3), (0..SUM_PARTS, 1.0), (1..2, 0.5)] {
         let mut told = fours(1, 3 * n * SUM_PARTS as usize);
-        let asked: Vec<ReceiverAsked> =
-            (0..n).rev().map(|row| ReceiverAsked { row: 3 * row as u32, first_span: 7 }).collect();
+        let asked: Vec<ReceiverAsked> = (0..n)
+            .rev()
+            .map(|row| ReceiverAsked { row: 3 * row as u32, first_span: 7, first_target: 9 })
+            .collect();
         let gathered: Vec<Four> = asked
             .iter()
             .flat_map(|asked| (0..SUM_PARTS).map(move |part| (asked.row * SUM_PARTS + part) as usize))
