@@ -30,6 +30,7 @@ pub mod config;
 mod connection;
 mod convert;
 mod device_light;
+mod device_metrics;
 mod device_receivers;
 mod device_source;
 mod engine_thread;

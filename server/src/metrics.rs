@@ -1,12 +1,12 @@
 //! Counters and gauges in the `OpenMetrics` text format.
 //!
-//! What the shell counts itself, the engine's [`EngineStats`], read from its last snapshot at every scrape, and what a
-//! device's kernels take. Names end in a unit; `_total` marks counters. Start at [`Metrics::encode`].
+//! What the shell counts itself, the engine's [`EngineStats`], read from its last snapshot at every scrape, and what there is
+//! to say of a device ([`device_metrics`]). Names end in a unit; `_total` marks counters. Start at [`Metrics::encode`].
 
-use crate::device_source::{CurrentDevice, DeviceCounts};
+use crate::device_metrics;
+use crate::device_source::CurrentDevice;
 use crate::engine_thread::{EngineReport, SharedReport};
 use earthshine_engine::{Counters, EngineStats, SessionStats};
-use earthshine_gpu::{NewsTotals, PassTotal};
 use prometheus_client::collector::Collector;
 use prometheus_client::encoding::{DescriptorEncoder, EncodeMetric as _, text};
 use prometheus_client::metrics::MetricType;
@@ -147,133 +147,10 @@ impl Metrics {
         let mut body = String::new();
         text::encode_registry(&mut body, &self.registry)?;
         text::encode_registry(&mut body, &engine)?;
-        let mut device = Registry::with_prefix("earthshine_gpu");
-        let current = self.device.get();
-        device.register_collector(Box::new(DeviceCollector {
-            is_there: current.as_ref().map(|device| !device.is_lost()),
-            counts: self.device.counts(),
-        }));
-        if let Some(of) = current {
-            device.register_collector(Box::new(PassCollector(of.pass_totals())));
-            device.register_collector(Box::new(NewsCollector(of.news_totals())));
-            device.register_collector(Box::new(WaitsCollector(of.waits())));
-            device.register_collector(Box::new(ReadBackCollector(of.read_back_bytes())));
-        }
+        let device = device_metrics::registry(&self.device);
         text::encode_registry(&mut body, &device)?;
         text::encode_eof(&mut body)?;
         Ok(body)
-    }
-}
-
-/// What has become of the device.
-#[derive(Debug)]
-struct DeviceCollector {
-    /// None where the CPU computes; false while a lost device is awaited.
-    is_there: Option<bool>,
-    counts: DeviceCounts,
-}
-
-impl Collector for DeviceCollector {
-    fn encode(&self, mut encoder: DescriptorEncoder<'_>) -> Result<(), std::fmt::Error> {
-        let Some(is_there) = self.is_there else { return Ok(()) };
-        let help = "1 where there is a device, 0 while the CPU stands in";
-        let metric = encoder.encode_descriptor("device_ready", help, None, MetricType::Gauge)?;
-        ConstGauge::new(i64::from(is_there)).encode(metric)?;
-        let DeviceCounts { reopened, failed, left_to_cpu } = self.counts;
-        let counters = [
-            ("devices_reopened", "Devices opened after one was lost", reopened),
-            ("device_failures", "Attempts to open a lost device again that failed", failed),
-            ("lights_left_to_cpu", "Lights over rows left to the CPU, as no kernels draw so", left_to_cpu),
-        ];
-        for (name, help, value) in counters {
-            let metric = encoder.encode_descriptor(name, help, None, MetricType::Counter)?;
-            ConstCounter::new(value).encode(metric)?;
-        }
-        Ok(())
-    }
-}
-
-/// What kernels take on the device, in the frames that are timed.
-#[derive(Debug)]
-struct PassCollector(BTreeMap<&'static str, PassTotal>);
-
-impl Collector for PassCollector {
-    fn encode(&self, mut encoder: DescriptorEncoder<'_>) -> Result<(), std::fmt::Error> {
-        if self.0.is_empty() {
-            return Ok(());
-        }
-        let help = "Time of a kernel in the frames that were timed, one in 64";
-        let mut seconds = encoder.encode_descriptor("pass_seconds", help, None, MetricType::Counter)?;
-        for (name, total) in &self.0 {
-            ConstCounter::new(total.seconds).encode(seconds.encode_family(&[("pass", *name)])?)?;
-        }
-        let help = "Passes of a kernel in the frames that were timed";
-        let mut passes = encoder.encode_descriptor("passes", help, None, MetricType::Counter)?;
-        for (name, total) in &self.0 {
-            ConstCounter::new(total.count).encode(passes.encode_family(&[("pass", *name)])?)?;
-        }
-        let known = || self.0.iter().filter(|(_, total)| total.bytes > 0.0);
-        let help = "What a kernel moved at least in the frames that were timed";
-        let mut bytes = encoder.encode_descriptor("pass_bytes", help, None, MetricType::Counter)?;
-        for (name, total) in known() {
-            ConstCounter::new(total.bytes).encode(bytes.encode_family(&[("pass", *name)])?)?;
-        }
-        let help = "Floating-point operations of a kernel in the frames that were timed";
-        let mut flops = encoder.encode_descriptor("pass_operations", help, None, MetricType::Counter)?;
-        for (name, total) in known() {
-            ConstCounter::new(total.flops).encode(flops.encode_family(&[("pass", *name)])?)?;
-        }
-        Ok(())
-    }
-}
-
-/// What comes to the host of the light that changed.
-#[derive(Debug)]
-struct NewsCollector(NewsTotals);
-
-impl Collector for NewsCollector {
-    fn encode(&self, mut encoder: DescriptorEncoder<'_>) -> Result<(), std::fmt::Error> {
-        let NewsTotals { frames, entries, bytes, late_frames, waits } = self.0;
-        for (name, help, value) in [
-            ("news_frames", "Steps whose changed light came to the host", frames),
-            ("news_entries", "Slots whose changed light came to the host", entries),
-            ("news_bytes", "Bytes that were copied to the host for it", bytes),
-            ("news_late_frames", "Ticks between a step and its changed light, in all", late_frames),
-            ("news_waits", "Steps that waited because too many were on their way", waits),
-        ] {
-            let metric = encoder.encode_descriptor(name, help, None, MetricType::Counter)?;
-            ConstCounter::new(value).encode(metric)?;
-        }
-        Ok(())
-    }
-}
-
-/// How often the host stood still for the device.
-#[derive(Debug)]
-struct WaitsCollector(BTreeMap<&'static str, u64>);
-
-impl Collector for WaitsCollector {
-    fn encode(&self, mut encoder: DescriptorEncoder<'_>) -> Result<(), std::fmt::Error> {
-        let help = "Times that somebody waited for the device; a tick does not";
-        let mut waits = encoder.encode_descriptor("waits", help, None, MetricType::Counter)?;
-        for (what, &count) in &self.0 {
-            ConstCounter::new(count).encode(waits.encode_family(&[("what", *what)])?)?;
-        }
-        Ok(())
-    }
-}
-
-#[derive(Debug)]
-struct ReadBackCollector(BTreeMap<&'static str, u64>);
-
-impl Collector for ReadBackCollector {
-    fn encode(&self, mut encoder: DescriptorEncoder<'_>) -> Result<(), std::fmt::Error> {
-        let help = "Bytes copied from the device to the host, by what they are of";
-        let mut bytes = encoder.encode_descriptor("read_back_bytes", help, None, MetricType::Counter)?;
-        for (what, &count) in &self.0 {
-            ConstCounter::new(count).encode(bytes.encode_family(&[("what", *what)])?)?;
-        }
-        Ok(())
     }
 }
 
@@ -432,40 +309,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_text_holds_both_kinds() {
-        let passes =
-            BTreeMap::from([("send_light", PassTotal { count: 3, seconds: 0.5, bytes: 8e3, flops: 2e3 })]);
-        let mut registry = Registry::with_prefix("earthshine_gpu");
-        registry.register_collector(Box::new(PassCollector(passes)));
-        let counts = DeviceCounts { reopened: 2, failed: 1, left_to_cpu: 4 };
-        registry.register_collector(Box::new(DeviceCollector { is_there: Some(false), counts }));
-        let news = NewsTotals { frames: 4, entries: 70, bytes: 1184, late_frames: 5, waits: 1 };
-        registry.register_collector(Box::new(NewsCollector(news)));
-        registry.register_collector(Box::new(WaitsCollector(BTreeMap::from([("light", 2)]))));
-        let read_back = BTreeMap::from([("far light", 48), ("news", 1184)]);
-        registry.register_collector(Box::new(ReadBackCollector(read_back)));
-        let mut text = String::new();
-        text::encode_registry(&mut text, &registry).unwrap();
-        for line in [
-            "earthshine_gpu_pass_seconds_total{pass=\"send_light\"} 0.5",
-            "earthshine_gpu_passes_total{pass=\"send_light\"} 3",
-            "earthshine_gpu_pass_bytes_total{pass=\"send_light\"} 8000.0",
-            "earthshine_gpu_pass_operations_total{pass=\"send_light\"} 2000.0",
-            "earthshine_gpu_device_ready 0",
-            "earthshine_gpu_devices_reopened_total 2",
-            "earthshine_gpu_device_failures_total 1",
-            "earthshine_gpu_lights_left_to_cpu_total 4",
-            "earthshine_gpu_news_frames_total 4",
-            "earthshine_gpu_news_entries_total 70",
-            "earthshine_gpu_news_bytes_total 1184",
-            "earthshine_gpu_news_late_frames_total 5",
-            "earthshine_gpu_news_waits_total 1",
-            "earthshine_gpu_waits_total{what=\"light\"} 2",
-            "earthshine_gpu_read_back_bytes_total{what=\"far light\"} 48",
-            "earthshine_gpu_read_back_bytes_total{what=\"news\"} 1184",
-        ] {
-            assert!(text.lines().any(|found| found == line), "{line} is not in\n{text}");
-        }
+    fn the_text_holds_what_the_shell_and_the_engine_count() {
         let metrics = Metrics::new();
         metrics.deltas.inc_by(3);
         metrics.tick_seconds.observe(0.002);

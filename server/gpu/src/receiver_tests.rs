@@ -290,6 +290,7 @@ fn gathers_that_are_given_up_are_told_with_the_next() {
                 device.wait("test", device.queue().submit([])).expect("a device that works");
             }
         }
+        check(&mut gpu, &question);
         // More rows than there was room for so far take another buffer.
         question = Question::new(&[chunk(round as i32, &vec![40; 90 << round])], Residency::Mixed(round));
         question.sources[7] = Vec4::new(1.0, 2.0, round as f32, 1.0);

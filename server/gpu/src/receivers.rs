@@ -227,6 +227,12 @@ impl GpuReceivers {
         rows_of: RowsOf,
     ) -> Result<(), ReceiversError> {
         self.residents.clear();
+        // A column takes a word at least: what cannot fit is not packed in vain.
+        let columns: usize = named.values().map(|chunk| rows_of.of(chunk).columns.len()).sum();
+        let (bytes, most) = (WORD * columns as u64, self.device.binding_bytes_max().min(self.column_bytes_max));
+        if bytes > most {
+            return Err(ReceiversError::TooLarge { bytes, most });
+        }
         let packed: Vec<(&Arc<Chunk>, PackedRows)> =
             named.values().map(|&chunk| (chunk, PackedRows::new(rows_of.of(chunk)))).collect();
         let rows = packed.iter().map(|(chunk, _)| rows_of.of(chunk).row_count() as u64).sum();

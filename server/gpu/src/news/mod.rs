@@ -174,9 +174,11 @@ impl News {
         self.waiting.light[slot] = None;
     }
 
-    /// Everybody is told of by the next step, whatever was told before.
+    /// Everybody is told of by the next step, whatever was told before; nothing of what is on its way is.
     pub(crate) fn tell_afresh(&mut self) {
         self.marks.iter_mut().for_each(|marks| marks.fresh = u32::MAX);
+        self.since.fill(self.step + 1);
+        self.waiting.light.fill(None);
     }
 
     /// Whether light of step `step`, and words that came with it, are of the patch in `slot`.

@@ -153,12 +153,14 @@ impl GatherWork {
         let gather_error_rel = f64::from(gaps.fold(0.0, f32::max) / brightest);
         let gather_late_frames = self.late_frames(rate.news_frames, rate.period())?;
         let gather_changed_bytes = self.bytes_of(Self::begin)?;
+        // As much is copied at once as the gather before had to tell.
+        self.bytes_of(Self::begin_again)?;
+        let gather_settled_bytes = self.bytes_of(Self::begin_again)?;
         let gather_swapped_bytes = self.bytes_of(|own| {
             let spread = (PATCHES / BLOCK) as usize;
             own.columns.iter_mut().step_by(spread).for_each(|column| *column = (*column + 1) % PATCHES);
             own.begin_again()
         })?;
-        let gather_settled_bytes = self.bytes_of(Self::begin_again)?;
         let gather_whole_bytes = size_of::<ReceiverSums>() * found.len();
         Ok(GatherFigures {
             gather_ms,
