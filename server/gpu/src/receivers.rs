@@ -229,7 +229,8 @@ impl GpuReceivers {
         self.residents.clear();
         // A column takes a word at least: what cannot fit is not packed in vain.
         let columns: usize = named.values().map(|chunk| rows_of.of(chunk).columns.len()).sum();
-        let (bytes, most) = (WORD * columns as u64, self.device.binding_bytes_max().min(self.column_bytes_max));
+        let (bytes, most) =
+            (WORD * columns as u64, self.device.binding_bytes_max().min(self.column_bytes_max));
         if bytes > most {
             return Err(ReceiversError::TooLarge { bytes, most });
         }

@@ -316,8 +316,7 @@ impl Backend for SolverBackend {
 
     fn is_behind(&self) -> bool {
         // A matrix that is wanted may be whole, and stepped, in the very next step.
-        let has_matrix_step =
-            self.on_rows.is_none() || self.audit.is_some() || self.settings.needs_matrix();
+        let has_matrix_step = self.on_rows.is_none() || self.audit.is_some() || self.settings.needs_matrix();
         self.on_rows.as_ref().is_some_and(|on_rows| on_rows.light.is_behind())
             || self.matrix.as_ref().is_some_and(|matrix| has_matrix_step && matrix.is_behind())
     }
