@@ -9,10 +9,11 @@ use crate::timing::{PassTime, PassTotal};
 use earthshine_radiosity::BackendError;
 use earthshine_shaders::subgroups::NUMBER_LANES;
 use std::collections::{BTreeMap, BTreeSet};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use wgpu::{
     Buffer, BufferDescriptor, BufferUsages, Device, DeviceDescriptor, DeviceType, ErrorFilter,
-    ExperimentalFeatures, Features, MemoryHints, PollType, Queue, SubmissionIndex, Trace,
+    ExperimentalFeatures, Features, MemoryHints, PollError, PollStatus, PollType, Queue, SubmissionIndex, Trace,
 };
 
 /// What the driver said when the device was lost; shared with its callbacks.
@@ -22,6 +23,18 @@ struct Loss(Mutex<Option<String>>);
 impl Loss {
     fn note(&self, cause: String) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(cause);
+    }
+
+    /// Notes what `poll` says if it fails. wgpu has no word for a driver that is lost while it is waited for: it panics.
+    fn note_of(&self, poll: impl FnOnce() -> Result<PollStatus, PollError>) {
+        let said = match catch_unwind(AssertUnwindSafe(poll)) {
+            Ok(Ok(_)) => return,
+            Ok(Err(error)) => error.to_string(),
+            Err(panic) => {
+                panic.downcast::<String>().map_or_else(|_| "wgpu panicked".to_owned(), |said| *said)
+            }
+        };
+        self.note(said);
     }
 
     fn cause(&self) -> Option<String> {
@@ -373,11 +386,7 @@ impl GpuDevice {
     /// [`BackendError::DeviceLost`].
     pub(crate) fn wait(&self, what: &'static str, submission: SubmissionIndex) -> Result<(), BackendError> {
         *self.inner.waits.lock().unwrap_or_else(PoisonError::into_inner).entry(what).or_default() += 1;
-        let wait = PollType::Wait { submission_index: Some(submission), timeout: None };
-        if let Err(error) = self.inner.device.poll(wait) {
-            self.inner.loss.note(error.to_string());
-        }
-        self.check()
+        self.poll_as(PollType::Wait { submission_index: Some(submission), timeout: None })
     }
 
     /// Runs the callbacks of maps that are there; waits for none.
@@ -385,9 +394,11 @@ impl GpuDevice {
     /// # Errors
     /// [`BackendError::DeviceLost`].
     pub(crate) fn poll(&self) -> Result<(), BackendError> {
-        if let Err(error) = self.inner.device.poll(PollType::Poll) {
-            self.inner.loss.note(error.to_string());
-        }
+        self.poll_as(PollType::Poll)
+    }
+
+    fn poll_as(&self, poll: PollType<SubmissionIndex>) -> Result<(), BackendError> {
+        self.inner.loss.note_of(|| self.inner.device.poll(poll));
         self.check()
     }
 
@@ -395,5 +406,20 @@ impl GpuDevice {
     pub(crate) fn lose(&self, cause: &str) -> BackendError {
         self.inner.loss.note(cause.to_owned());
         BackendError::DeviceLost { cause: self.inner.loss.cause().unwrap_or_default() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_driver_that_is_lost_while_it_is_waited_for_is_a_loss() {
+        let loss = Loss::default();
+        loss.note_of(|| Ok(PollStatus::QueueEmpty));
+        assert_eq!(loss.cause(), None);
+        loss.note_of(|| panic!("Error in {}: the device is lost", "Device::poll"));
+        loss.note_of(|| Err(PollError::Timeout));
+        assert_eq!(loss.cause().as_deref(), Some("Error in Device::poll: the device is lost"));
     }
 }

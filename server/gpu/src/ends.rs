@@ -97,7 +97,7 @@ impl Faced {
 // Ten bits hold what a fan may have.
 const _: () = assert!(RUN_RAYS < 1 << 10);
 
-/// A scene's trees on a device, and where rays through them end. Some 120 bytes of room a ray.
+/// A scene's trees on a device, and where rays through them end. 128 bytes of room a ray.
 #[derive(Debug)]
 pub struct GpuEnds {
     rays: GpuRays,

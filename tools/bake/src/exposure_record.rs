@@ -50,7 +50,8 @@ impl Points {
         Self { bases: vec![Basis::Open; samples.len()], samples }
     }
 
-    /// Finds out how exposed the points are that `is_wanted` says, on the device if there is one; notes in `seen` where paths went. How many rays it took.
+    /// Finds out how exposed the points are that `is_wanted` says, on the device if there is one; notes in `seen` where paths
+    /// went. How many rays it took.
     pub(crate) fn expose(
         &mut self,
         builder: &Builder<'_>,

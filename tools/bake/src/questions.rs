@@ -1,5 +1,6 @@
 //! Keeps a device busy: some questions are on their way to it while the next is made.
 
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Mutex;
 use std::sync::mpsc::sync_channel;
 
@@ -15,6 +16,7 @@ pub(crate) fn ask_all<S, Q: Send, A: Send>(
     answer: impl Fn(&Q) -> Option<A> + Sync,
     mut hear: impl FnMut(&mut S, Q, A),
 ) {
+    let Some(first) = next(state) else { return };
     let (asked, questions) = sync_channel::<Q>(0);
     let questions = Mutex::new(questions);
     // Room for what all threads may have to say: none of them waits to say it.
@@ -27,17 +29,23 @@ pub(crate) fn ask_all<S, Q: Send, A: Send>(
             scope.spawn(move || {
                 let receive = || questions.lock().ok().and_then(|questions| questions.recv().ok());
                 while let Some(question) = receive() {
-                    let answer = answer(&question);
-                    if told.send((question, answer)).is_err() {
+                    let answer = catch_unwind(AssertUnwindSafe(|| answer(&question)));
+                    let (answer, panic) =
+                        answer.map_or_else(|panic| (None, Some(panic)), |answer| (answer, None));
+                    // Who waits for the answer hears first, and then of the panic, by the end of the scope.
+                    let is_heard = told.send((question, answer)).is_ok();
+                    if let Some(panic) = panic {
+                        resume_unwind(panic);
+                    }
+                    if !is_heard {
                         return;
                     }
                 }
             });
         }
-        let (mut on_their_way, mut is_answered) = (0, true);
+        let (mut on_their_way, mut is_answered, mut question) = (0, true, Some(first));
         loop {
-            let question = if is_answered { next(state) } else { None };
-            let arrived = match question {
+            let arrived = match question.take() {
                 Some(question) => {
                     asked.send(question).expect("threads listen until this end is gone");
                     on_their_way += 1;
@@ -52,6 +60,9 @@ pub(crate) fn ask_all<S, Q: Send, A: Send>(
                     Some(answer) => hear(state, question, answer),
                     None => is_answered = false,
                 }
+            }
+            if is_answered {
+                question = next(state);
             }
         }
     });
@@ -92,6 +103,13 @@ mod tests {
         let expected: Vec<u64> = (0..=10).map(|n| n * n).chain([100; 9]).collect();
         assert_eq!((found, most), (expected, ON_THEIR_WAY));
         assert_eq!(squares(0..0, usize::MAX), (Vec::new(), 0));
+    }
+
+    #[test]
+    #[should_panic(expected = "a scoped thread panicked")]
+    fn a_panic_of_who_answers_is_no_silence() {
+        let panics = |&number: &u64| (number < 3).then_some(number).or_else(|| panic!("no answer"));
+        ask_all(&mut (0..9u64), Iterator::next, panics, |_, _, _| ());
     }
 
     #[test]

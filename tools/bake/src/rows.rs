@@ -94,7 +94,8 @@ impl<'a> RowCaster<'a> {
         row
     }
 
-    /// Where ray `ray` of `run` begins and its unit direction. The one rule for rays cast here and on a device.
+    /// Where ray `ray` of `run` begins and its unit direction. [`Self::fans`] has the same rule for
+    /// rays that a device makes; the twin `fans` of `earthshine-gpu` and `counted_rows` hold one against the other.
     pub(crate) fn ray(
         &self,
         source: &BakePatch,

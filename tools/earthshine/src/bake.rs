@@ -60,7 +60,8 @@ pub(crate) struct BakeArguments {
     #[arg(long)]
     discard_work: bool,
     /// Trace rays on the best graphics adapter, which has to be there, and add up there where they end; should it fail, this
-    /// is said and the CPU does the rest. Shares are the same but for rounding and rays that pass an edge within it.
+    /// is said and the CPU does the rest. Shares are the same but for rounding and rays that pass an edge within it,
+    /// by which a patch in thousands may come or go. All processes of a --shard bake have to use the same adapter, or none.
     #[arg(long)]
     gpu: bool,
     /// Part of the name of the adapter that has to trace; `earthshine gpu` lists them. A software adapter is taken only if

@@ -44,8 +44,10 @@ impl RayDevice for Adapter {
     ) -> Result<Box<dyn EndCounter>, CasterError> {
         let sides: Vec<EndSide> = triangles.iter().map(side).collect();
         let first = GpuEnds::new(&self.0, layout, &sides, COUNTED_RAYS_MAX).map_err(said)?;
-        let second = first.beside().map_err(said)?;
-        Ok(Box::new(Counter { rooms: [first, second].map(Mutex::new), turn: AtomicUsize::new(0) }))
+        // A device with room for one question alone is kept waiting, and traces nevertheless.
+        let others = (1..ROOMS_MAX).map_while(|_| first.beside().ok()).collect::<Vec<GpuEnds>>();
+        let rooms = std::iter::once(first).chain(others).map(Mutex::new).collect();
+        Ok(Box::new(Counter { rooms, turn: AtomicUsize::new(0) }))
     }
 }
 
@@ -54,13 +56,14 @@ const _: () = assert!(RAY_PARTS == ends::RAY_PARTS && RUN_RAYS == ends::RUN_RAYS
 const _: () = assert!(NO_KEY == ends::NO_PATCH && KEY_UNKNOWN == ends::COUNTED_PATCHES_MAX);
 const _: () = assert!(COUNTED_RAYS_MAX <= DISPATCH_RAYS_MAX);
 
-/// Questions that the device has at once: while it works on one, the other comes and goes.
-const ROOMS: usize = 2;
+/// Most questions that the device has at once: while it works on one, the other comes and goes.
+const ROOMS_MAX: usize = 2;
 
-/// Trees on a device and where rays end, with room for [`ROOMS`] questions of some 120 MiB each; threads take turns.
+/// Trees on a device and where rays end, with room for [`ROOMS_MAX`] questions of 128 MiB each; threads take turns.
 #[derive(Debug)]
 struct Counter {
-    rooms: [Mutex<GpuEnds>; ROOMS],
+    /// One at least.
+    rooms: Vec<Mutex<GpuEnds>>,
     /// Where one waits when there is no room.
     turn: AtomicUsize,
 }
@@ -69,7 +72,7 @@ impl Counter {
     /// Room for a question.
     fn room(&self) -> MutexGuard<'_, GpuEnds> {
         self.rooms.iter().find_map(|room| room.try_lock().ok()).unwrap_or_else(|| {
-            let turn = self.turn.fetch_add(1, Ordering::Relaxed) % ROOMS;
+            let turn = self.turn.fetch_add(1, Ordering::Relaxed) % self.rooms.len();
             self.rooms[turn].lock().unwrap_or_else(PoisonError::into_inner)
         })
     }
@@ -77,8 +80,10 @@ impl Counter {
 
 impl EndCounter for Counter {
     fn face(&self, fans: &[RayFan], near_m: f32) -> Result<FacedFans, CasterError> {
+        // Words are made where there is room: so many threads as may wait for it keep none.
+        let mut room = self.room();
         let asked: Vec<ends_of_gpu::RayFan> = fans.iter().map(fan_words).collect();
-        let faced = self.room().face(&asked, near_m).map_err(said)?;
+        let faced = room.face(&asked, near_m).map_err(said)?;
         let told = |faced: &Faced| {
             let Faced { back, near, for_host, reach_m } = *faced;
             FacedRays { back, near, for_host, reach_m }
@@ -91,8 +96,9 @@ impl EndCounter for Counter {
     }
 
     fn first(&self, rays: &[Query]) -> Result<FirstTriangles, CasterError> {
+        let mut room = self.room();
         let queries: Vec<RayQuery> = rays.iter().map(words).collect();
-        let hits = self.room().first(&queries).map_err(said)?;
+        let hits = room.first(&queries).map_err(said)?;
         let traffic = Traffic {
             sent_bytes: size_of_val(&queries[..]) as u64,
             read_bytes: size_of_val(&hits[..]) as u64,
@@ -111,23 +117,25 @@ impl EndCounter for Counter {
         let voxels: Vec<MapVoxel> = places.voxels.iter().map(voxel).collect();
         let EndPlaces { voxel_edge_m, off_surface_m, .. } = *places;
         let map = EndMap { sides: &sides, voxels: &voxels, voxel_edge_m, off_surface_m };
-        let [mut first, mut second] =
-            self.rooms.each_ref().map(|room| room.lock().unwrap_or_else(PoisonError::into_inner));
+        let locked = |room| Mutex::lock(room).unwrap_or_else(PoisonError::into_inner);
+        let mut rooms: Vec<MutexGuard<'_, GpuEnds>> = self.rooms.iter().map(locked).collect();
+        let (first, others) = rooms.split_first_mut().expect("a counter has room for one question");
         first.settle(&map).map_err(said)?;
-        second.settle_as(&first);
+        others.iter_mut().for_each(|other| other.settle_as(first));
         Ok(())
     }
 
     fn count(&self, rays: &Rays, runs: &[Run]) -> Result<CountedEnds, CasterError> {
+        let mut room = self.room();
         let asked: Vec<EndRun> = runs.iter().map(run_words).collect();
         let parts = match rays {
             Rays::Made(rays) => {
                 let queries: Vec<RayQuery> = rays.iter().map(words).collect();
-                self.room().count(AskedRays::Made(&queries), &asked)
+                room.count(AskedRays::Made(&queries), &asked)
             }
             Rays::Fans(fans) => {
                 let fans: Vec<ends_of_gpu::RayFan> = fans.iter().map(fan_words).collect();
-                self.room().count(AskedRays::Fans(&fans), &asked)
+                room.count(AskedRays::Fans(&fans), &asked)
             }
         };
         let RunParts { runs, sent_bytes, read_bytes } = parts.map_err(said)?;
@@ -416,14 +424,19 @@ mod tests {
         assert!(seen(&closed) < 0.8 * seen(&open), "{} and {} patches seen", seen(&closed), seen(&open));
     }
 
-    /// An adapter that is gone after so many batches.
-    struct Breaking<'a>(&'a Adapter, usize);
+    /// An adapter that is gone after so many batches: of rows alone, or of anything.
+    struct Breaking<'a> {
+        adapter: &'a Adapter,
+        batches: usize,
+        only_rows: bool,
+    }
 
     #[derive(Debug)]
     struct BreakingCounter {
         counter: Box<dyn EndCounter>,
         device: GpuDevice,
         left: AtomicUsize,
+        only_rows: bool,
     }
 
     impl RayDevice for Breaking<'_> {
@@ -432,14 +445,16 @@ mod tests {
             layout: &TreeLayout,
             triangles: &[EndTriangle],
         ) -> Result<Box<dyn EndCounter>, CasterError> {
-            let (counter, device) = (self.0.counter(layout, triangles)?, self.0.0.clone());
-            Ok(Box::new(BreakingCounter { counter, device, left: AtomicUsize::new(self.1) }))
+            let Self { adapter, batches, only_rows } = *self;
+            let (counter, device) = (adapter.counter(layout, triangles)?, adapter.0.clone());
+            Ok(Box::new(BreakingCounter { counter, device, left: AtomicUsize::new(batches), only_rows }))
         }
     }
 
     impl BreakingCounter {
-        fn wear(&self) {
-            if self.left.fetch_sub(1, Ordering::Relaxed) == 0 {
+        fn wear(&self, is_row: bool) {
+            let counts = is_row || !self.only_rows;
+            if counts && self.left.fetch_sub(1, Ordering::Relaxed) == 0 {
                 self.device.destroy();
             }
         }
@@ -447,12 +462,12 @@ mod tests {
 
     impl EndCounter for BreakingCounter {
         fn face(&self, fans: &[RayFan], near_m: f32) -> Result<FacedFans, CasterError> {
-            self.wear();
+            self.wear(false);
             self.counter.face(fans, near_m)
         }
 
         fn first(&self, rays: &[Query]) -> Result<FirstTriangles, CasterError> {
-            self.wear();
+            self.wear(false);
             self.counter.first(rays)
         }
 
@@ -461,7 +476,7 @@ mod tests {
         }
 
         fn count(&self, rays: &Rays, runs: &[Run]) -> Result<CountedEnds, CasterError> {
-            self.wear();
+            self.wear(true);
             self.counter.count(rays, runs)
         }
     }
@@ -469,10 +484,11 @@ mod tests {
     /// Goal: a device that is lost in the middle of a bake costs nothing but time.
     #[test]
     fn a_bake_outlives_its_device() {
-        for batches in [0, 2, 5] {
+        for (batches, only_rows) in [(0, false), (2, false), (5, false), (0, true), (1, true)] {
             let Some(adapter) = adapter_or_skip() else { return };
             let scene = generated(WorldKind::Cornell, 0.0);
-            let summary = compare(&Breaking(&adapter, batches), &scene, parameters(0.5, 0.0));
+            let breaking = Breaking { adapter: &adapter, batches, only_rows };
+            let summary = compare(&breaking, &scene, parameters(0.5, 0.0));
             assert!(summary.device_failure.is_some_and(|cause| cause.contains("destroyed")));
         }
     }
