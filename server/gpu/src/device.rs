@@ -13,7 +13,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use wgpu::{
     Buffer, BufferDescriptor, BufferUsages, Device, DeviceDescriptor, DeviceType, ErrorFilter,
-    ExperimentalFeatures, Features, MemoryHints, PollError, PollStatus, PollType, Queue, SubmissionIndex, Trace,
+    ExperimentalFeatures, Features, MemoryHints, PollError, PollStatus, PollType, Queue, SubmissionIndex,
+    Trace,
 };
 
 /// What the driver said when the device was lost; shared with its callbacks.
