@@ -29,15 +29,9 @@ pub(crate) fn ask_all<S, Q: Send, A: Send>(
             scope.spawn(move || {
                 let receive = || questions.lock().ok().and_then(|questions| questions.recv().ok());
                 while let Some(question) = receive() {
+                    // Who waits for the answer would wait for ever if this thread ended without one.
                     let answer = catch_unwind(AssertUnwindSafe(|| answer(&question)));
-                    let (answer, panic) =
-                        answer.map_or_else(|panic| (None, Some(panic)), |answer| (answer, None));
-                    // Who waits for the answer hears first, and then of the panic, by the end of the scope.
-                    let is_heard = told.send((question, answer)).is_ok();
-                    if let Some(panic) = panic {
-                        resume_unwind(panic);
-                    }
-                    if !is_heard {
+                    if told.send((question, answer)).is_err() {
                         return;
                     }
                 }
@@ -57,8 +51,9 @@ pub(crate) fn ask_all<S, Q: Send, A: Send>(
             if let Some((question, answer)) = arrived {
                 on_their_way -= 1;
                 match answer {
-                    Some(answer) => hear(state, question, answer),
-                    None => is_answered = false,
+                    Ok(Some(answer)) => hear(state, question, answer),
+                    Ok(None) => is_answered = false,
+                    Err(panic) => resume_unwind(panic),
                 }
             }
             if is_answered {
@@ -106,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    #[should_panic(expected = "a scoped thread panicked")]
+    #[should_panic(expected = "no answer")]
     fn a_panic_of_who_answers_is_no_silence() {
         let panics = |&number: &u64| (number < 3).then_some(number).or_else(|| panic!("no answer"));
         ask_all(&mut (0..9u64), Iterator::next, panics, |_, _, _| ());
