@@ -398,7 +398,7 @@ impl GpuDevice {
         self.poll_as(PollType::Poll)
     }
 
-    fn poll_as(&self, poll: PollType<SubmissionIndex>) -> Result<(), BackendError> {
+    fn poll_as(&self, poll: PollType) -> Result<(), BackendError> {
         self.inner.loss.note_of(|| self.inner.device.poll(poll));
         self.check()
     }
