@@ -73,7 +73,7 @@ impl EndCounter for Twin {
     }
 
     fn settle(&self, places: &EndPlaces) -> Result<(), CasterError> {
-        self.places.set(places.clone()).map_err(|_| CasterError("it is settled".to_owned()))
+        self.places.set(places.clone()).map_err(|_places| CasterError("it is settled".to_owned()))
     }
 
     fn count(&self, rays: &Rays, runs: &[Run]) -> Result<CountedEnds, CasterError> {
