@@ -31,9 +31,11 @@ impl Loss {
         let said = match catch_unwind(AssertUnwindSafe(poll)) {
             Ok(Ok(_)) => return,
             Ok(Err(error)) => error.to_string(),
-            Err(panic) => {
-                panic.downcast::<String>().map_or_else(|_| "wgpu panicked".to_owned(), |said| *said)
-            }
+            // A panic carries a `String`, or a `str` where there was nothing to format.
+            Err(panic) => match panic.downcast::<String>() {
+                Ok(said) => *said,
+                Err(other) => other.downcast_ref().copied().unwrap_or("wgpu panicked").to_owned(),
+            },
         };
         self.note(said);
     }

@@ -137,12 +137,7 @@ impl Pass {
 /// Runs the suite.
 pub(crate) fn run(arguments: &GpuBenchArguments, json: bool) -> anyhow::Result<()> {
     let started = Instant::now();
-    let choice = AdapterChoice {
-        name: arguments.adapter.clone(),
-        allow_software: false,
-        without_subgroups: arguments.without_subgroups,
-    };
-    let device = GpuDevice::open(&choice).context("no device to measure; `earthshine gpu` lists adapters")?;
+    let device = opened(arguments)?;
     let open_ms = started.elapsed().as_secs_f64() * 1e3;
     let (rounds, seed) = (arguments.rounds, arguments.seed);
     let [block_m, product_m] = arguments.matrix.sizes(&device);
@@ -211,6 +206,15 @@ pub(crate) fn run(arguments: &GpuBenchArguments, json: bool) -> anyhow::Result<(
     let mut report = Report::new("gpu", "closed room", "matrix", seed, seconds, figures);
     report.backend = "gpu";
     report.print(json)
+}
+
+fn opened(arguments: &GpuBenchArguments) -> anyhow::Result<GpuDevice> {
+    let choice = AdapterChoice {
+        name: arguments.adapter.clone(),
+        allow_software: false,
+        without_subgroups: arguments.without_subgroups,
+    };
+    GpuDevice::open(&choice).context("no device to measure; `earthshine gpu` lists adapters")
 }
 
 /// Of each kernel the run that moved most, and of those the quickest.
