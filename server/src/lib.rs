@@ -20,7 +20,7 @@
 //!
 //! let server = Server::bind(Config { world: "town".into(), ..Config::default() }).await?;
 //! let address = server.local_addr();
-//! server.run(async { drop(shutdown::signal().await) }).await
+//! server.run(shutdown::signal()?).await
 //! # }
 //! ```
 

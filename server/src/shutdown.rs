@@ -7,25 +7,27 @@ use crate::ServerError;
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// Resolves on the first SIGTERM or SIGINT (ctrl-c).
+/// Listens for signals from this call on; what it gives resolves on the first SIGTERM or SIGINT (ctrl-c). To be called before
+/// anybody learns that the service is there: a signal that comes earlier ends the process without a drain.
 ///
 /// # Errors
 /// [`ServerError::System`] if the system refuses the handlers.
-pub async fn signal() -> Result<(), ServerError> {
-    let system = |cause| ServerError::System { what: "a signal handler", cause };
+pub fn signal() -> Result<impl Future<Output = ()>, ServerError> {
     #[cfg(unix)]
     {
         use tokio::signal::unix::{SignalKind, signal};
+        let system = |cause| ServerError::System { what: "a signal handler", cause };
         let mut terminate = signal(SignalKind::terminate()).map_err(system)?;
         let mut interrupt = signal(SignalKind::interrupt()).map_err(system)?;
-        tokio::select! {
-            _ = terminate.recv() => tracing::info!("SIGTERM: draining"),
-            _ = interrupt.recv() => tracing::info!("SIGINT: draining"),
-        }
-        Ok(())
+        Ok(async move {
+            tokio::select! {
+                _ = terminate.recv() => tracing::info!("SIGTERM: draining"),
+                _ = interrupt.recv() => tracing::info!("SIGINT: draining"),
+            }
+        })
     }
     #[cfg(not(unix))]
-    tokio::signal::ctrl_c().await.map_err(system)
+    Ok(async { drop(tokio::signal::ctrl_c().await) })
 }
 
 /// The moment by which a drain has to be over, shared by all its stages.

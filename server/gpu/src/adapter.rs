@@ -214,7 +214,8 @@ mod tests {
         assert_eq!(lacks(all, &enough), None);
         let without = lacks(all - DownlevelFlags::COMPUTE_SHADERS, &enough).expect("no compute");
         assert!(without.contains("compute shaders"), "{without}");
-        let lowered: [(&str, fn(&mut Limits)); 9] = [
+        type Lowered = (&'static str, fn(&mut Limits));
+        let lowered: [Lowered; 9] = [
             ("max_compute_workgroup_storage_size", |of| of.max_compute_workgroup_storage_size -= 1),
             ("max_compute_invocations_per_workgroup", |of| of.max_compute_invocations_per_workgroup -= 1),
             ("max_compute_workgroup_size_x", |of| of.max_compute_workgroup_size_x -= 1),

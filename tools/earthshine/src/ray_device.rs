@@ -213,8 +213,7 @@ mod tests {
     const ROUNDING: f64 = 2e-5;
     /// ... and this part of their length: scales settle on steps of 1/1024, and rounding may bring each to the next.
     const STEPS: f64 = 2.5 / 1024.0;
-    /// Of all rows, those that have to be the same: a ray in thousands may pass an edge the other way, and changes the rows
-    /// of both its ends.
+    /// Of all rows, those that have to be the same: a ray in thousands may pass an edge the other way.
     const SAME_SHARE_MIN: f64 = 0.95;
     /// Patches and places that are others, and rows that are off by more than their noise, of all rows: a point whose ray
     /// passes an edge may be of another class, and changes its patch and the parts of detail beside it.
@@ -424,7 +423,7 @@ mod tests {
         assert!(seen(&closed) < 0.8 * seen(&open), "{} and {} patches seen", seen(&closed), seen(&open));
     }
 
-    /// An adapter that is gone after so many batches: of rows alone, or of anything.
+    /// Gone after so many batches: of rows alone, or of anything.
     struct Breaking<'a> {
         adapter: &'a Adapter,
         batches: usize,

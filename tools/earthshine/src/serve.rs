@@ -10,10 +10,11 @@ pub(crate) fn run(arguments: ServeArgs) -> anyhow::Result<()> {
     let runtime = tokio::runtime::Runtime::new().context("the asynchronous runtime could not start")?;
     runtime.block_on(async {
         let server = Server::bind(config).await?;
+        let signal = shutdown::signal()?;
         out!("serving  http://{}   (gRPC; {})", server.local_addr(), server.world_name());
         out!("admin    http://{}/metrics, /health, /ready, /solver", server.admin_addr());
         out!("{}", promised(server.promise()));
-        server.run(async { drop(shutdown::signal().await) }).await?;
+        server.run(signal).await?;
         Ok(())
     })
 }
