@@ -13,10 +13,10 @@ use tokio::time::Instant;
 /// # Errors
 /// [`ServerError::System`] if the system refuses the handlers.
 pub fn signal() -> Result<impl Future<Output = ()>, ServerError> {
+    let system = |cause| ServerError::System { what: "a signal handler", cause };
     #[cfg(unix)]
     {
         use tokio::signal::unix::{SignalKind, signal};
-        let system = |cause| ServerError::System { what: "a signal handler", cause };
         let mut terminate = signal(SignalKind::terminate()).map_err(system)?;
         let mut interrupt = signal(SignalKind::interrupt()).map_err(system)?;
         Ok(async move {
@@ -26,8 +26,13 @@ pub fn signal() -> Result<impl Future<Output = ()>, ServerError> {
             }
         })
     }
-    #[cfg(not(unix))]
-    Ok(async { drop(tokio::signal::ctrl_c().await) })
+    #[cfg(windows)]
+    {
+        let mut interrupt = tokio::signal::windows::ctrl_c().map_err(system)?;
+        Ok(async move {
+            interrupt.recv().await;
+        })
+    }
 }
 
 /// The moment by which a drain has to be over, shared by all its stages.

@@ -130,7 +130,8 @@ impl<'a> Relight<'a> {
     /// Sample points of one patch times the lights that reach it.
     pub(crate) fn cost(&self, patch: &Patch) -> u32 {
         let lights = light_count(self.lights, patch.centroid, self.voxel_edge_m);
-        u32::try_from(lights).unwrap_or(u32::MAX).saturating_mul(patch.point_count)
+        // That no light reaches it is not known for nothing.
+        u32::try_from(lights).unwrap_or(u32::MAX).saturating_mul(patch.point_count).max(1)
     }
 
     /// Holds all direct light, on its way too, against the casters that came and went since: what none of them can have changed

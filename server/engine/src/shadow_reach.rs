@@ -4,13 +4,11 @@
 //! an old shadow for ever; the test holds it against traced rays.
 
 use crate::direct::ShadowCasters;
+use earthshine_light::may_reach;
 use earthshine_world::{Bounds, Light, Vec3};
 
 /// Pairs of a change and a light that are looked at for each patch; beyond that all count as touched.
 const PAIRS_MAX: usize = 128;
-
-/// By how much a cone is taken to be wider than it is, rad: angles of `f32` are off by less.
-const CONE_MARGIN_RAD: f32 = 2e-3;
 
 /// How far a patch's points lie from its centroid at most, in voxel edges: both are in one voxel, and its diagonal is 1.73.
 const RADIUS_VOXELS: f32 = 1.75;
@@ -64,28 +62,12 @@ fn lamp(light: &Light) -> Option<(Vec3, f32)> {
 
 fn lights_up(light: &Light, bounds: &Bounds) -> bool {
     lamp(light).is_none_or(|(position, range_m)| bounds.distance(position) <= range_m)
-        && shines_towards(light, bounds.centre(), 0.5 * bounds.size().length())
+        && may_reach(light, bounds.centre(), 0.5 * bounds.size().length())
 }
 
 /// How many of `lights` can reach a patch around `centre`.
 pub(crate) fn light_count(lights: &[Light], centre: Vec3, voxel_edge_m: f32) -> usize {
-    lights.iter().filter(|light| reaches(light, centre, RADIUS_VOXELS * voxel_edge_m)).count()
-}
-
-/// Whether `light` can reach the ball of `radius_m` around `centre` at all.
-fn reaches(light: &Light, centre: Vec3, radius_m: f32) -> bool {
-    lamp(light).is_none_or(|(position, range_m)| position.distance(centre) <= range_m + radius_m)
-        && shines_towards(light, centre, radius_m)
-}
-
-/// Whether the ball of `radius_m` around `centre` is in a spot's cone, in part at least; other lights shine everywhere. Street
-/// lamps have no range, mostly, but a cone: outside of it they bring nothing.
-fn shines_towards(light: &Light, centre: Vec3, radius_m: f32) -> bool {
-    let Light::Spot { position, direction, outer_cone_rad, .. } = *light else { return true };
-    let way = centre - position;
-    let distance = way.length();
-    distance <= radius_m
-        || way.angle_between(direction) <= outer_cone_rad + (radius_m / distance).asin() + CONE_MARGIN_RAD
+    lights.iter().filter(|light| may_reach(light, centre, RADIUS_VOXELS * voxel_edge_m)).count()
 }
 
 /// Whether a ray from the ball of `radius_m` around `centre` to `light` can meet `bounds`.
@@ -99,7 +81,7 @@ fn may_meet(light: &Light, centre: Vec3, radius_m: f32, bounds: &Bounds) -> bool
             is_wide || meets(centre, -direction, f32::INFINITY, bounds, radius_m + spread * farthest_m)
         }
         Light::Point { position, .. } | Light::Spot { position, .. } => {
-            reaches(light, centre, radius_m) && meets(centre, position - centre, 1.0, bounds, radius_m)
+            may_reach(light, centre, radius_m) && meets(centre, position - centre, 1.0, bounds, radius_m)
         }
     }
 }

@@ -47,6 +47,28 @@ pub fn arrival(light: &Light, position: Vec3, normal: Vec3, disc: (f32, f32)) ->
     }
 }
 
+/// By how much a cone is taken to be wider than it is, rad: angles of `f32` are off by less.
+const CONE_MARGIN_RAD: f32 = 2e-3;
+
+/// Whether `light` can bring anything to a point within `radius_m` of `centre`, by its range and its cone: never a wrong no.
+/// Street lamps have no range, mostly, but a cone.
+#[must_use]
+pub fn may_reach(light: &Light, centre: Vec3, radius_m: f32) -> bool {
+    let (Light::Point { position, range_m, .. } | Light::Spot { position, range_m, .. }) = *light else {
+        return true;
+    };
+    let way = centre - position;
+    let distance = way.length();
+    if range_m.is_some_and(|range_m| distance > range_m + radius_m) {
+        return false;
+    }
+    let Light::Spot { direction, outer_cone_rad, .. } = *light else { return true };
+    // `arrival` takes a direction for as long as it is, which may be a little more than 1.
+    let half_angle = (outer_cone_rad.cos() / direction.length().max(1.0)).acos();
+    distance <= radius_m
+        || way.angle_between(direction) <= half_angle + (radius_m / distance).asin() + CONE_MARGIN_RAD
+}
+
 fn lit(towards: Vec3, distance_m: f32, on_facing: Rgb, normal: Vec3) -> Option<Arrival> {
     let irradiance = on_facing * normal.dot(towards).max(0.0);
     (irradiance.max_element() > 0.0).then_some(Arrival { towards, distance_m, irradiance })
@@ -87,6 +109,7 @@ fn direction_in_cap(axis: Vec3, half_angle: f32, disc: (f32, f32)) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use earthshine_world::random::{Purpose, hash, unit_f32};
 
     const CENTRE: (f32, f32) = (0.5, 0.5);
 
@@ -221,5 +244,43 @@ mod tests {
         let radius = 0.25f64;
         let half = (radius - radius.sin() * radius.cos()) / (std::f64::consts::PI * radius.sin().powi(2));
         assert!((disc_on_plane(radius, std::f64::consts::FRAC_PI_2) - half).abs() < 1e-12);
+    }
+
+    /// Goal: no light is passed over. Method: random lamps, narrow and wide, their axes as long as they may be, and points in balls
+    /// about the edges of their cones and ranges.
+    #[test]
+    fn what_a_lamp_reaches_is_never_denied() {
+        let number = |seed: u64, at: u64| unit_f32(hash(seed, Purpose::WorldShape, at, 0));
+        let vector =
+            |seed: u64, at: u64| Vec3::from_array([0, 1, 2].map(|k| number(seed, at + k) * 2.0 - 1.0));
+        let (mut lit, mut denied) = (0u32, 0u32);
+        for seed in 0..100_000u64 {
+            let outer_cone_rad = 0.02 + 1.5 * number(seed, 0).powi(3);
+            let axis = vector(seed, 1).normalize_or(Vec3::Y);
+            let range_m = seed.is_multiple_of(3).then_some(30.0);
+            let lamp = vector(seed, 4) * 50.0;
+            let spot = Light::Spot {
+                position: lamp,
+                direction: axis * (1.0 + 4e-4 * (number(seed, 7) * 2.0 - 1.0)),
+                intensity: Rgb::ONE,
+                inner_cone_rad: 0.9 * outer_cone_rad,
+                outer_cone_rad,
+                range_m,
+            };
+            let (side, up) = axis.any_orthonormal_pair();
+            let (sin, cos) = (TAU * number(seed, 8)).sin_cos();
+            let angle = outer_cone_rad * (0.97 + 0.06 * number(seed, 9));
+            let edge = axis * angle.cos() + (side * cos + up * sin) * angle.sin();
+            let distance = 1.0 + 60.0 * number(seed, 10);
+            let point = lamp + edge * distance;
+            let radius_m = 0.3 * number(seed, 11).powi(4);
+            let centre = point + vector(seed, 12).normalize_or(Vec3::X) * radius_m * 0.999;
+            let brings = arrival(&spot, point, -edge, (0.0, 0.0)).is_some();
+            let may = may_reach(&spot, centre, radius_m);
+            assert!(may || !brings, "case {seed}: {spot:?} {point}");
+            lit += u32::from(brings);
+            denied += u32::from(!may);
+        }
+        assert!(lit > 20_000 && denied > 20_000, "{lit} lit, {denied} denied");
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Pure and single-threaded: the engine decides which patches, when, and on which thread.
 
-use crate::arrival::arrival;
+use crate::arrival::{arrival, may_reach};
 use crate::occluder_set::OccluderSet;
 use earthshine_world::random::{Purpose, hash, unit_pair};
 use earthshine_world::{Asked, Light, Rgb, SamplePoint, Vec3};
@@ -65,10 +65,12 @@ fn irradiance_by_point(
 ) -> Rgb {
     let Some(first) = points.first() else { return Rgb::ZERO };
     let start = (first.position, first.position);
-    let bounds =
+    let (low, high) =
         points.iter().fold(start, |(low, high), point| (low.min(point.position), high.max(point.position)));
+    let (centre, radius_m) = (0.5 * (low + high), 0.5 * low.distance(high));
     let mut sum = Rgb::ZERO;
-    for (light_index, light) in lights.iter().enumerate().filter(|(_, light)| reaches(light, bounds)) {
+    let reaching = lights.iter().enumerate().filter(|(_, light)| may_reach(light, centre, radius_m));
+    for (light_index, light) in reaching {
         let shift = disc_shift(seed, light_index, first.position);
         for (point_index, point) in points.iter().enumerate() {
             let disc = disc_place(shift, point_index, points.len());
@@ -78,14 +80,6 @@ fn irradiance_by_point(
         }
     }
     sum / points.len() as f32
-}
-
-/// Whether `light` can bring anything to a point between `low` and `high`: a lamp whose range ends before brings nothing at all.
-fn reaches(light: &Light, (low, high): (Vec3, Vec3)) -> bool {
-    let (Light::Point { position, range_m, .. } | Light::Spot { position, range_m, .. }) = *light else {
-        return true;
-    };
-    range_m.is_none_or(|range_m| position.distance(position.clamp(low, high)) <= range_m)
 }
 
 /// A patch whose direct light is asked for.
@@ -232,7 +226,9 @@ mod tests {
                     .fold(Rgb::ZERO, |sum, light| sum + light)
             })
             .fold(Rgb::ZERO, |sum, light| sum + light);
-        let near = lights.iter().filter(|light| reaches(light, (points[0].position, points[19].position)));
+        let (low, high) = (points[0].position, points[19].position);
+        let (centre, radius_m) = (0.5 * (low + high), 0.5 * low.distance(high));
+        let near = lights.iter().filter(|light| may_reach(light, centre, radius_m));
         assert!((10..60).contains(&near.count()));
         let found = direct_irradiance(&occluders, &lights, &points, EPSILON_M, 7) * points.len() as f32;
         assert!((found - one_by_one).abs().max_element() <= 1e-4 * one_by_one.max_element(), "{found}");

@@ -24,7 +24,7 @@ pub mod occluders;
 pub mod ray_triangle;
 pub mod tree_layout;
 
-pub use arrival::{Arrival, arrival};
+pub use arrival::{Arrival, arrival, may_reach};
 pub use direct::{
     DirectLight, LightUnderWay, LitPatch, PatchPoints, direct_irradiance, direct_irradiance_on, told_apart,
 };

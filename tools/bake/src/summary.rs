@@ -82,7 +82,7 @@ pub struct BakeSummary {
     /// Those of them that were of no use, and cast on the CPU: they met a triangle that may have holes, or places that
     /// patches left out, or are of a point with such a ray.
     pub device_returned_rays: u64,
-    /// Of all rays, those that a device traced to some use.
+    /// Of all rays that are counted, those that a device traced to some use: the second look at hidden points is not among them.
     pub device_ray_share: f64,
     /// What was sent to the device with its questions, bytes; trees and tables aside.
     pub device_sent_bytes: u64,

@@ -10,8 +10,8 @@
 //!                         codes told ◀─────────────┘
 //! ```
 //!
-//! How much is copied is guessed from the step that arrived last: twice as many entries as it had and [`COPIED_MIN`] at
-//! most. If there are more, the rest is fetched once the count is known, out of the step's own list; a step is told whole.
+//! How much is copied is guessed from the step that arrived last: as many entries as it had, up to a power of two, and
+//! [`COPIED_MIN`] at least. If there are more, the rest is fetched once the count is known, out of the step's own list; a step is told whole.
 //! Who keeps the light does not matter here: a matrix ([`crate::GpuBackend`]) or rows ([`crate::GpuRowLight`]).
 
 #[cfg(test)]

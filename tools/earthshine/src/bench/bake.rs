@@ -50,8 +50,8 @@ struct Beside {
     cpu_mrays_s: f64,
     cpu_seconds: f64,
     cpu_seconds_by_stage: BTreeMap<&'static str, f64>,
-    /// By how many form factors the worlds differ, as a share: rays along edges.
-    nonzeros_elsewhere: f64,
+    /// By how many more or fewer form factors the device finds, as a share.
+    nonzeros_off_rel: f64,
 }
 
 /// The shape of a generated world, without a seed of its own: the bake's serves both.
@@ -85,7 +85,7 @@ pub(crate) fn run(arguments: &BakeBenchArguments, json: bool) -> anyhow::Result<
             adapter: adapter.name().to_owned(),
             cpu_mrays_s: mrays_s(&cpu),
             cpu_seconds: cpu.seconds,
-            nonzeros_elsewhere: summary.nonzeros.abs_diff(cpu.nonzeros) as f64 / cpu.nonzeros.max(1) as f64,
+            nonzeros_off_rel: summary.nonzeros.abs_diff(cpu.nonzeros) as f64 / cpu.nonzeros.max(1) as f64,
             cpu_seconds_by_stage: cpu.seconds_by_stage,
         });
     }

@@ -69,13 +69,17 @@ impl GatherWork {
     pub(super) fn new(device: &GpuDevice, arguments: &GatherArguments, seed: u64) -> anyhow::Result<Self> {
         let mut gpu = GpuReceivers::new(device)?;
         let has_timestamps = gpu.time_passes()?;
-        let source = |at: u32| Vec4::splat(1.0 + unit_f32(hash(seed, Purpose::Simulation, u64::from(at), 4)));
+        // Channels differ, so that light whose channels change places is other light.
+        let source = |at: u32| {
+            let channel = |of| 1.0 + unit_f32(hash(seed, Purpose::Simulation, u64::from(at), of));
+            Vec4::new(channel(4), channel(5), channel(6), 1.0)
+        };
         Ok(Self {
             device: device.clone(),
             gpu,
             chunk: Arc::new(chunk(arguments, seed)),
             columns: (0..PATCHES).collect(),
-            sources: (0..PATCHES).map(|at| source(at).with_w(1.0)).collect(),
+            sources: (0..PATCHES).map(source).collect(),
             rows: (0..arguments.receivers).map(|row| ReceiverRow { chunk: 0, row }).collect(),
             has_timestamps,
         })
@@ -206,7 +210,9 @@ fn chunk(arguments: &GatherArguments, seed: u64) -> Chunk {
         let step = PATCHES / length;
         let local = |item: u32| (item * step + (first >> (item % 48)) as u32 % step) as u16;
         rows.columns.extend((0..length).map(|item| Column { segment: 0, local: local(item) }));
-        rows.shares.extend((0..length).map(|_| 0.5 / length as f32));
+        // A half float as tiles keep it, or less: rows of others take more room on a device.
+        let share = f32::from_bits((0.5 / length as f32).to_bits() & !0x1fff);
+        rows.shares.extend((0..length).map(|_| share));
         rows.row_starts.push(rows.columns.len() as u32);
         rows.sky_shares.push([0.5 / 6.0; 6]);
         rows.absorbed_shares.push(0.0);
