@@ -57,8 +57,8 @@ struct Compared {
     world: BakedWorld,
     solved: SolvedWorld,
     errors: LightErrors,
-    /// Of the points that lie on surfaces.
-    on_surfaces: LightErrors,
+    /// Of the points that lie on surfaces; nothing where none do, to two millimetres.
+    on_surfaces: Option<LightErrors>,
 }
 
 /// Points on surfaces are no further off than this, m: those of the Cornell box are lifted by a millimetre.
@@ -84,7 +84,7 @@ fn compared(folder: &Path, name: &str, parameters: BakeParameters) -> Compared {
     let tracer = SceneTracer::new(&scene);
     let pairs = reference.into_iter().zip(measured).filter(|(point, _)| lies_on_a_surface(&tracer, point));
     let (reference, measured): (Vec<_>, Vec<_>) = pairs.unzip();
-    let on_surfaces = compare_points(&reference, &measured).expect("comparable light");
+    let on_surfaces = compare_points(&reference, &measured).ok();
     say(&format!("{name} against its reference: {errors:?}; on surfaces {on_surfaces:?}"));
     Compared { world, solved, errors, on_surfaces }
 }
@@ -110,7 +110,7 @@ async fn the_measured_cornell_box_has_the_light_of_its_reference() {
     let parameters = BakeParameters { rays_per_patch: 1024, ..BakeParameters::default() };
     let grid = coarse(0.045, 16).grid;
     let compared = compared(&folder, "cornell", BakeParameters { grid, ..parameters });
-    let surfaces = &compared.on_surfaces;
+    let surfaces = compared.on_surfaces.as_ref().expect("points on surfaces");
     assert_eq!(
         (surfaces.points, surfaces.uncovered, surfaces.beyond_factor_two),
         (27, 0, 0.0),
