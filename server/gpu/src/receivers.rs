@@ -1,6 +1,6 @@
 //! Light of receivers, or far light of patches, on a device: rows of chunks stay there, what their columns stand for is
 //! kept up to date, and one dispatch gathers all that is asked for. What of its sums is news is fetched when it has come
-//! ([`crate::told_sums`]).
+//! (`told_sums`).
 //!
 //! Rows go to the device when their chunk is first named and stay as long as it is; room is handed out from the front of two
 //! lists, and what still counts is put into new ones when they are full. Of the table of columns only what changed is uploaded. What leaves
