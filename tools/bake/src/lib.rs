@@ -7,7 +7,7 @@
 //!    points in crevices marked; [`patches`]: what faces one direction in one voxel becomes a patch (or what
 //!    [`clusters`] says). [`surfaces`] does all three for one chunk;
 //! 2. [`rows`]: cosine-weighted rays from each patch; what they hit is its row (or [`point_rows`]: sums over points);
-//! 3. [`receivers`]: rows in the empty air near patches; [`detail`]: rows of parts of voxels;
+//! 3. [`receivers`]: rows in the empty air near patches; `detail`: rows of parts of voxels;
 //! 4. [`reciprocity`]: both estimates of each pair become one, and rows sum to one again;
 //! 5. `emit`: chunks become tiles;
 //! 6. [`pyramid`]: coarse levels are merged from finer tiles; the manifest is written last.
