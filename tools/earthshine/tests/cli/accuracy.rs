@@ -1,14 +1,10 @@
 //! `bench accuracy`: reference files that are not, sweeps, worlds, and the causes of errors.
 
-use crate::command::{INPUT, OTHER, Run, STORAGE, USAGE, cornell_world, run};
+use crate::command::{INPUT, OTHER, Run, STORAGE, USAGE, cornell_world, desk, run};
 use std::fs;
 use std::path::Path;
 
 const HEADER: &str = "x,y,z,nx,ny,nz,r,g,b,sr,sg,sb\n";
-
-fn desk() -> tempfile::TempDir {
-    tempfile::tempdir().expect("a scratch folder")
-}
 
 /// Accuracy of a Cornell box that bakes in a moment.
 fn accuracy(folder: &Path, more: &[&str]) -> Run {
@@ -257,30 +253,6 @@ fn errors_of_a_view_are_drawn() {
         assert!(seen.len() > 4, "{shown}: {seen:?}");
     }
     run(desk.path(), &[&view[..], &["--view", "error"]].concat()).fails(USAGE, &["--world"]);
-}
-
-/// Goal: an option that a way of rendering does not heed is refused, not ignored. Method: short rays are the screen's own,
-/// which light of a world has no use for; its rays are taken, and so are the screen's short ones.
-#[test]
-fn short_rays_are_the_screens_own() {
-    let desk = desk();
-    cornell_world(desk.path());
-    let view = [
-        "render",
-        "cornell",
-        "--width",
-        "24",
-        "--height",
-        "16",
-        "--samples",
-        "16",
-        "--method",
-        "screen-space",
-    ];
-    let with = |more: &[&str]| run(desk.path(), &[&view[..], more].concat());
-    with(&["--world", "world", "--near-samples", "4"]).fails(USAGE, &["--near-samples", "--far-samples"]);
-    with(&["--world", "world", "--far-samples", "4"]).succeeds();
-    with(&["--near-samples", "4"]).succeeds();
 }
 
 /// Goal: one command compares pictures of several scenes, and says what of one it cannot read.

@@ -81,6 +81,11 @@ pub(crate) fn bake<'a>(scene: &'a str, world: &'a str) -> [&'a str; 11] {
     ["bake", scene, world, "--voxel", "0.5", "--rays", "32", "--detail", "1", "--quiet", "--overwrite"]
 }
 
+/// A scratch folder of a test, gone at its end.
+pub(crate) fn desk() -> tempfile::TempDir {
+    tempfile::tempdir().expect("a scratch folder")
+}
+
 /// A small sound world called `world` in `folder`: a Cornell box.
 pub(crate) fn cornell_world(folder: &Path) {
     let coarse = ["--voxel", "0.5", "--rays", "32", "--chunk-voxels", "4", "--detail", "1", "--quiet"];

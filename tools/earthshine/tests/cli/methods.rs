@@ -1,6 +1,6 @@
 //! Pictures by other methods than the path tracer: in screen space, and by progressive refinement.
 
-use crate::command::{INPUT, USAGE, cornell_world, run};
+use crate::command::{INPUT, USAGE, cornell_world, desk, run};
 use std::fs;
 
 /// A Cornell box in 24 x 16 pixels.
@@ -20,10 +20,6 @@ const PICTURE: [&str; 14] = [
     "--json",
     "--method",
 ];
-
-fn desk() -> tempfile::TempDir {
-    tempfile::tempdir().expect("a scratch folder")
-}
 
 fn number(found: &serde_json::Value, pointer: &str) -> f64 {
     found.pointer(pointer).and_then(serde_json::Value::as_f64).unwrap_or_else(|| panic!("{pointer}: {found}"))
@@ -53,6 +49,18 @@ fn screen_space_pictures_come_near_the_reference() {
     screen_space(&["--radius=-1"]).fails(USAGE, &["near radius of -1 m"]);
     run(desk.path(), &[&PICTURE[..], &["path-traced", "--radius", "1"]].concat())
         .fails(USAGE, &["--method screen-space"]);
+}
+
+/// Goal: an option that a way of rendering does not heed is refused, not ignored. Method: short rays are the screen's own,
+/// which light of a world has no use for; its rays are taken, and so are the screen's short ones.
+#[test]
+fn short_rays_are_the_screens_own() {
+    let desk = desk();
+    cornell_world(desk.path());
+    let with = |more: &[&str]| run(desk.path(), &[&PICTURE[..], &["screen-space"], more].concat());
+    with(&["--world", "world", "--near-samples", "4"]).fails(USAGE, &["--near-samples", "--far-samples"]);
+    with(&["--world", "world", "--far-samples", "4"]).succeeds();
+    with(&["--near-samples", "4"]).succeeds();
 }
 
 /// Goal: a sequence of pictures converges to the reference, and no power is lost on the way.
