@@ -9,13 +9,14 @@
 use earthshine_shaders::host::ReceiverSpan;
 use earthshine_shaders::limits::{NO_TARGETS, ROW_COLUMNS_MAX};
 use earthshine_world::{ChunkRows, Column};
+use half::f16;
 
 /// Targets that a narrow column can name.
 const TARGETS_MAX: usize = 1 << 16;
 /// Exponents of rows: as far as what a kernel computes of them is a normal `f32`.
 const EXPONENTS: std::ops::RangeInclusive<i32> = 0..=100;
 /// Of the largest half float.
-const HALF_EXPONENT_MAX: i32 = 15;
+const HALF_EXPONENT_MAX: i32 = f16::MAX_EXP - 1;
 
 /// The rows of a chunk, in words.
 #[derive(Debug, PartialEq)]
@@ -111,24 +112,13 @@ fn exponent_of(share: f32) -> i32 {
     (share.to_bits() >> 23) as i32 - 127
 }
 
-/// The half float that is `share` times two to the `exponent`; none where none is.
+/// The half float that is `share` times two to the `exponent`; none where none is, and none of what is negative.
 fn half(share: f32, exponent: i32) -> Option<u32> {
-    let bits = share.to_bits();
-    if bits == 0 {
-        return Some(0);
-    }
-    // Negative numbers and what is none have an exponent beyond all others.
-    let (of_half, mantissa) = (exponent_of(share) + exponent, (bits & 0x7F_FFFF) | 0x80_0000);
-    if of_half > HALF_EXPONENT_MAX || exponent_of(share) == -127 {
-        return None;
-    }
-    // A normal one has ten bits beside the first, a subnormal one what is left above 2^-24.
-    let lost = if of_half >= -14 { 13 } else { -1 - of_half };
-    if lost > 23 || mantissa & ((1 << lost) - 1) != 0 {
-        return None;
-    }
-    let kept = mantissa >> lost;
-    Some(if of_half >= -14 { (kept & 0x3FF) | (((of_half + 15) as u32) << 10) } else { kept })
+    // Exact, or infinite.
+    let scaled = share * 2f32.powi(exponent);
+    let half = f16::from_f32(scaled);
+    let is_same = half.is_finite() && half.is_sign_positive() && half.to_f32() == scaled;
+    is_same.then(|| half.to_bits().into())
 }
 
 #[cfg(test)]
