@@ -8,7 +8,9 @@ use earthshine_shaders::kernel::{Access, Binding, KERNELS, Kernel, LIGHT_POINTS,
 use earthshine_shaders::limits::CONSTANTS;
 use earthshine_shaders::subgroups::{NUMBER_LANES, SUBGROUP_LANES_RANGE};
 use earthshine_volume::lookup::{AIR_FLOOR, NORMAL_OFFSET_VOXELS, SURFACE_WEIGHT, WEIGHT_MIN};
-use earthshine_volume::plane::{PLANE_REACH_VOXELS, PLANE_STEPS};
+use earthshine_volume::plane::{
+    AIR_FROM_VOXELS, FAR_SURFACE, PLANE_REACH_VOXELS, PLANE_STEPS, SURFACE_TO_VOXELS,
+};
 use earthshine_volume::tilt::{TILT_REACH_VOXELS, TURN_REACH};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{AddressSpace, Literal, StorageAccess, TypeInner};
@@ -243,6 +245,9 @@ fn the_lookup_shader_is_valid_and_has_the_rust_rule_s_constants() {
     assert_eq!(f32_constant(&module, "AIR_FLOOR"), AIR_FLOOR);
     assert_eq!(f32_constant(&module, "WEIGHT_MIN"), WEIGHT_MIN);
     assert_eq!(f32_constant(&module, "PLANE_REACH_VOXELS"), PLANE_REACH_VOXELS);
+    assert_eq!(f32_constant(&module, "SURFACE_TO_VOXELS"), SURFACE_TO_VOXELS);
+    assert_eq!(f32_constant(&module, "AIR_FROM_VOXELS"), AIR_FROM_VOXELS);
+    assert_eq!(f32_constant(&module, "FAR_SURFACE"), FAR_SURFACE);
     assert_eq!(f32_constant(&module, "PLANE_STEPS"), PLANE_STEPS);
     assert_eq!(f32_constant(&module, "TILT_REACH_VOXELS"), TILT_REACH_VOXELS);
     assert_eq!(f32_constant(&module, "TURN_REACH"), TURN_REACH);

@@ -14,8 +14,8 @@
 //! Light comes from surfaces (patches) and from the air (receivers). Two things are the air's alone, and both fade
 //! with its share, so that what moves through the air never meets a step:
 //!
-//! - It counts `max(0, 1 - w / 0.25)` of its weight, where `w` is the trilinear weight of patches: a point on a surface
-//!   reads surfaces.
+//! - It counts `max(0, 1 - w / 0.25)` of its weight, where `w` is the trilinear weight of patches, each as far as `x` lies
+//!   on its plane ([`plane::on_surface`]): a point on a surface reads surfaces, one before it the air.
 //! - Air knows the opposite direction too, so `|n_a| (1 - |n_a|) (I_a - I_-a) / 2` is added: with it light that varies
 //!   linearly with the normal (a sky's) is read exactly, at slanted normals too. What it takes away
 //!   is limited to a quarter of the sum, because a lamp does not darken what turns away from it.
@@ -201,7 +201,7 @@ fn lookup_in<V: Borrow<Volume>>(
 struct Around {
     /// Each patch by its trilinear weight times how much its plane makes the point trust it.
     surfaces: [Sum; 6],
-    /// Trilinear weight of voxels with patches.
+    /// Trilinear weight of voxels with patches, as far as the point lies on one.
     surface_weights: [f32; 6],
     airs: [Sum; 6],
 }
@@ -217,32 +217,37 @@ impl Around {
             let step = IVec3::new(corner & 1, corner >> 1 & 1, corner >> 2);
             let along = |axis: usize| if step[axis] == 1 { fraction[axis] } else { 1.0 - fraction[axis] };
             let weight = along(0) * along(1) * along(2);
-            let mut of_surfaces = 0;
+            // Of the layer that the point lies in.
+            let mut on_surfaces = [0f32; 6];
             for light in layers.iter().filter_map(|volume| volume.borrow().at(low + step)) {
-                around.add(light, weight, surface - step.as_vec3(), normal);
-                of_surfaces |= light.present & !light.air;
+                around.add(light, weight, surface - step.as_vec3(), normal, &mut on_surfaces);
             }
-            for direction in (0..6).filter(|direction| of_surfaces >> direction & 1 == 1) {
-                around.surface_weights[direction] += weight;
+            for (sum, on_surface) in around.surface_weights.iter_mut().zip(on_surfaces) {
+                *sum += weight * on_surface;
             }
         }
         around
     }
 
     /// Adds `light`, of trilinear `weight`, for a point on a surface with `normal`, `from_middle` voxels from the middle of
-    /// the light's voxel.
-    fn add(&mut self, light: &VoxelLight, weight: f32, from_middle: Vec3, normal: Vec3) {
+    /// the light's voxel; and raises `on_surfaces` to how much of the point lies on its surfaces.
+    fn add(
+        &mut self,
+        light: &VoxelLight,
+        weight: f32,
+        from_middle: Vec3,
+        normal: Vec3,
+        on_surfaces: &mut [f32; 6],
+    ) {
         for direction in (0..6).filter(|&direction| light.has(direction)) {
             let (all, sky) = (light.irradiance[direction], light.sky_irradiance[direction]);
             let good = Goodness::of(light, direction);
             if light.is_air(direction) {
                 self.airs[direction].add(weight, all, sky, good);
             } else {
-                let trust = match tilt::trust(light.tilt[direction], from_middle, normal) {
-                    Some(trust) => trust,
-                    None => plane::nearness(light.plane[direction], from_middle[direction / 2] + 0.5),
-                };
+                let (trust, on_surface) = nearness(light, direction, from_middle, normal);
                 self.surfaces[direction].add(weight * trust, all, sky, good);
+                on_surfaces[direction] = on_surfaces[direction].max(on_surface);
             }
         }
     }
@@ -266,6 +271,19 @@ impl Around {
             slope.add_sum(-0.5 * share, &back);
         }
         Some((mean, slope))
+    }
+}
+
+/// How much the surface that `light` has in `direction` counts for a point on a surface with `normal`, `from_middle` voxels
+/// from the middle of the light's voxel; and how much of the point lies on it.
+fn nearness(light: &VoxelLight, direction: usize, from_middle: Vec3, normal: Vec3) -> (f32, f32) {
+    let (tilt, axis) = (light.tilt[direction], direction / 2);
+    if let Some(distance) = tilt::distance(tilt, from_middle) {
+        (tilt::trust(tilt, distance, normal), plane::on_surface(distance))
+    } else {
+        let distance = plane::distance(light.plane[direction], from_middle[axis] + 0.5);
+        let least = (distance.abs() - plane::slant(normal, axis)).max(0.0);
+        (plane::nearness(distance), plane::on_surface(least))
     }
 }
 

@@ -25,20 +25,25 @@ const DISTANCE_STEPS: f32 = 254.0;
 /// Diagonal of a voxel in its edges.
 const DIAGONAL: f32 = 1.732_050_8;
 
-/// How much a value counts whose surface lies in the plane `tilt`, for a point on a surface with unit `normal`,
-/// `from_middle` voxel edges from the middle of the value's voxel: `1 / (1 + (d / TILT_REACH_VOXELS)^2 + (s /
-/// TURN_REACH)^2)^2`, `d` the distance from the plane, `s` the sine of half the angle between the normals. `None` where the
-/// plane is unknown.
+/// How many voxel edges a point `from_middle` of them from the middle of a value's voxel lies above the plane `tilt`. `None`
+/// where the plane is unknown.
 #[must_use]
-pub fn trust(tilt: Tilt, from_middle: Vec3, normal: Vec3) -> Option<f32> {
+pub fn distance(tilt: Tilt, from_middle: Vec3) -> Option<f32> {
     if tilt.contains(&0) {
         return None;
     }
-    let own = unit_normal(tilt);
     let distance = ((f32::from(tilt[2]) - 1.0) / DISTANCE_STEPS - 0.5) * DIAGONAL;
-    let off = (from_middle.dot(own) - distance) / TILT_REACH_VOXELS;
-    let turned = 0.5 * (normal - own).length() / TURN_REACH;
-    Some((1.0 + off * off + turned * turned).powi(-2))
+    Some(from_middle.dot(unit_normal(tilt)) - distance)
+}
+
+/// How much a value counts whose surface lies in the plane `tilt`, for a point on a surface with unit `normal`, `distance`
+/// voxel edges from that plane: `1 / (1 + (distance / TILT_REACH_VOXELS)^2 + (s / TURN_REACH)^2)^2`, `s` the sine of half the
+/// angle between the normals.
+#[must_use]
+pub fn trust(tilt: Tilt, distance: f32, normal: Vec3) -> f32 {
+    let off = distance / TILT_REACH_VOXELS;
+    let turned = 0.5 * (normal - unit_normal(tilt)).length() / TURN_REACH;
+    (1.0 + off * off + turned * turned).powi(-2)
 }
 
 fn unit_normal([x, y, _]: Tilt) -> Vec3 {
@@ -59,7 +64,7 @@ mod tests {
     #[test]
     fn what_lies_in_the_plane_is_trusted_and_a_quarter_where_it_should_be() {
         let in_plane = Vec3::new(0.25, 0.4, -0.3);
-        let trusted = |from: Vec3, normal: Vec3| trust(WALL, from, normal).unwrap();
+        let trusted = |from: Vec3, normal: Vec3| trust(WALL, distance(WALL, from).unwrap(), normal);
         assert!(trusted(in_plane, Vec3::X) > 0.99);
         assert!((trusted(in_plane + Vec3::X * TILT_REACH_VOXELS, Vec3::X) - 0.25).abs() < 0.03);
         let angle = 2.0 * TURN_REACH.asin();
@@ -73,8 +78,9 @@ mod tests {
     fn square_planes_are_trusted_by_the_square_of_their_nearness() {
         for step in -20..=20 {
             let height = step as f32 / 20.0;
-            let trusted = trust(WALL, Vec3::new(height - 0.5, 0.2, 0.1), Vec3::X).unwrap();
-            let near = plane::nearness(plane::encode(0.75), height);
+            let off = distance(WALL, Vec3::new(height - 0.5, 0.2, 0.1)).unwrap();
+            let trusted = trust(WALL, off, Vec3::X);
+            let near = plane::nearness(plane::distance(plane::encode(0.75), height));
             assert!((trusted.sqrt() - near).abs() < 0.05, "{height}: {trusted} and {near}");
         }
     }
@@ -84,7 +90,8 @@ mod tests {
         for code in 0..=255u8 {
             for other in [0, 1, 2, 64, 127, 128, 129, 255] {
                 for tilt in [[code, other, 9], [other, code, 200], [other, 77, code]] {
-                    let known = trust(tilt, Vec3::new(0.3, -2.0, 0.1), Vec3::Y);
+                    let known =
+                        distance(tilt, Vec3::new(0.3, -2.0, 0.1)).map(|off| trust(tilt, off, Vec3::Y));
                     assert_eq!(known.is_none(), tilt.contains(&0));
                     assert!(known.is_none_or(|trust| trust > 0.0 && trust <= 1.0), "{tilt:?}: {known:?}");
                 }

@@ -203,8 +203,10 @@ fn clients_read_planes_as_they_were_written() {
         let Some(normal) = Vec3::new(axis(1), axis(3) * 0.7, axis(9) * 0.4).try_normalize() else { continue };
         for distance in [-0.45, 0.0, 0.3] {
             let code = SurfacePlane::new(normal, distance).code();
-            let trust =
-                |along: f32, normal: Vec3| tilt::trust(code, normal * along, normal).expect("it is told");
+            let trust = |along: f32, normal: Vec3| {
+                let distance = tilt::distance(code, normal * along).expect("it is told");
+                tilt::trust(code, distance, normal)
+            };
             assert!(trust(distance, normal) > 0.8, "{normal} {distance}: {}", trust(distance, normal));
             assert!(trust(distance + 0.3, normal) < 0.1);
             assert!(trust(distance, -normal) < 0.01);

@@ -14,6 +14,11 @@ const AIR_FLOOR: f32 = 0.75;
 const WEIGHT_MIN: f32 = 1e-6;
 // At this distance from its plane, in voxels, a value counts half.
 const PLANE_REACH_VOXELS: f32 = 0.1;
+// A point as near to a plane, in voxels, lies on its surface; from the second distance on it is in the air, where the
+// surface counts so much nevertheless.
+const SURFACE_TO_VOXELS: f32 = 0.1;
+const AIR_FROM_VOXELS: f32 = 0.3;
+const FAR_SURFACE: f32 = 0.01;
 // At this distance from its tilted plane, in voxels, a value counts a quarter.
 const TILT_REACH_VOXELS: f32 = 0.1;
 // A value whose normal differs by this, as the sine of half the angle, counts a quarter.
@@ -63,31 +68,33 @@ fn present_of(volume: u32, voxel: vec3<i32>) -> u32 {
     return select(0u, volume_blocks[max(place, 1u) - 1u].present, place != 0u);
 }
 
-// How much a value with plane `code` counts for a point `height` voxels above the low side of its voxel.
-fn nearness(code: u32, height: f32) -> f32 {
-    if code == 0u {
-        return 1.0;
-    }
-    let distance = (height - (f32(code) - 1.0) / PLANE_STEPS) / PLANE_REACH_VOXELS;
-    return 1.0 / (1.0 + distance * distance);
+// How much of a point `distance` voxels from a plane lies on its surface, not in the air.
+fn on_surface(distance: f32) -> f32 {
+    return clamp((AIR_FROM_VOXELS - abs(distance)) / (AIR_FROM_VOXELS - SURFACE_TO_VOXELS), FAR_SURFACE, 1.0);
 }
 
-// How much a value with plane code `planes` on an axis counts for a point `from_middle` voxels from the middle of its voxel,
-// on a surface with unit `normal`.
-fn trust(planes: u32, axis: u32, from_middle: vec3<f32>, normal: vec3<f32>) -> f32 {
+// Of a value with plane codes `planes` on an axis, for a point `from_middle` voxels from the middle of its voxel, on a surface
+// with unit `normal`. x: how much it counts; y: how much of the point lies on its surface.
+fn nearness(planes: u32, axis: u32, from_middle: vec3<f32>, normal: vec3<f32>) -> vec2<f32> {
     let tilt = (vec3<u32>(planes) >> vec3<u32>(8u, 16u, 24u)) & vec3<u32>(255u);
     if any(tilt == vec3<u32>(0u)) {
-        return nearness(planes & 255u, from_middle[axis] + 0.5);
+        let code = planes & 255u;
+        let distance = select(0.0, from_middle[axis] + 0.5 - (f32(code) - 1.0) / PLANE_STEPS, code != 0u);
+        // How far a surface with this normal may lie from the middle of its patch.
+        let along = abs(normal[axis]);
+        let slant = 0.5 * (dot(abs(normal), vec3<f32>(1.0)) - along) / max(along, 1e-30);
+        let off = distance / PLANE_REACH_VOXELS;
+        return vec2<f32>(1.0 / (1.0 + off * off), on_surface(max(abs(distance) - slant, 0.0)));
     }
     let flat = (vec2<f32>(tilt.xy) - 128.0) / 127.0;
     let z = 1.0 - abs(flat.x) - abs(flat.y);
     let fold = max(-z, 0.0);
     let own = normalize(vec3<f32>(flat - select(vec2<f32>(-fold), vec2<f32>(fold), flat >= vec2<f32>(0.0)), z));
-    let distance = ((f32(tilt.z) - 1.0) / PLANE_STEPS - 0.5) * sqrt(3.0);
-    let off = (dot(from_middle, own) - distance) / TILT_REACH_VOXELS;
+    let distance = dot(from_middle, own) - ((f32(tilt.z) - 1.0) / PLANE_STEPS - 0.5) * sqrt(3.0);
+    let off = distance / TILT_REACH_VOXELS;
     let turned = 0.5 * length(normal - own) / TURN_REACH;
     let difference = 1.0 + off * off + turned * turned;
-    return 1.0 / (difference * difference);
+    return vec2<f32>(1.0 / (difference * difference), on_surface(distance));
 }
 
 // What one volume answers.
@@ -103,22 +110,21 @@ fn lookup_in(volume: u32, low: vec3<i32>, fraction: vec3<f32>, normal: vec3<f32>
     // Light times weight, and weight, by direction.
     var surfaces = array<vec4<f32>, 6>();
     var airs = array<vec4<f32>, 6>();
-    // Without trust.
+    // Of voxels with surfaces, as far as the point lies on one.
     var surface_weights = array<f32, 6>();
     for (var corner = 0u; corner < 8u; corner++) {
         let step = vec3<u32>(corner & 1u, (corner >> 1u) & 1u, corner >> 2u);
         let along = select(1.0 - fraction, fraction, step == vec3<u32>(1u));
         let weight = along.x * along.y * along.z;
         let from_middle = surface - vec3<f32>(step);
-        // Directions with light of a surface in any layer.
-        var found = 0u;
+        // By direction, of the layer that the point lies in.
+        var on_surfaces = array<f32, 6>();
         for (var layer = 0u; layer < volume_layouts[volume].layers; layer++) {
             let place = place_of(volume, low + vec3<i32>(step), layer);
             if place == 0u {
                 continue;
             }
             let present = volume_blocks[place - 1u].present;
-            found |= present & ~(present >> 8u) & 63u;
             for (var direction = 0u; direction < 6u; direction++) {
                 if ((present >> direction) & 1u) == 1u {
                     let light = vec4<f32>(decode_rgb9e5(volume_blocks[place - 1u].irradiance[direction]), 1.0) * weight;
@@ -126,13 +132,15 @@ fn lookup_in(volume: u32, low: vec3<i32>, fraction: vec3<f32>, normal: vec3<f32>
                         airs[direction] += light;
                     } else {
                         let planes = volume_blocks[place - 1u].planes[direction];
-                        surfaces[direction] += light * trust(planes, direction / 2u, from_middle, normal);
+                        let near = nearness(planes, direction / 2u, from_middle, normal);
+                        surfaces[direction] += light * near.x;
+                        on_surfaces[direction] = max(on_surfaces[direction], near.y);
                     }
                 }
             }
         }
         for (var direction = 0u; direction < 6u; direction++) {
-            surface_weights[direction] += select(0.0, weight, ((found >> direction) & 1u) == 1u);
+            surface_weights[direction] += weight * on_surfaces[direction];
         }
     }
     var total = vec4<f32>(0.0);

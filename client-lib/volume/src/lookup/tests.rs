@@ -149,6 +149,37 @@ fn points_on_surfaces_read_surfaces_alone() {
     assert!((above.irradiance.x - 3.0).abs() < 1e-5);
 }
 
+/// Goal: what moves before a wall reads the light there, not that of the wall's other side, which faces the same way
+/// within the voxel. Method: dark patches whose plane is known, under bright air.
+#[test]
+fn points_off_a_plane_read_the_air() {
+    let mut volume = floor_under_air();
+    for (index, offset) in (0..layout().voxel_count()).map(|index| (index, plane::encode(0.4))) {
+        volume.set_plane(layout().voxel_of(index), 2, offset);
+    }
+    let read = |height: f32, normal: Vec3| {
+        lookup(&[&volume], Vec3::new(0.23, height * EDGE_M, 1.47), normal).unwrap().irradiance.x
+    };
+    assert!((read(0.4, Vec3::Y) - 1.0).abs() < 1e-5, "on it");
+    assert!(read(0.4 - plane::AIR_FROM_VOXELS, Vec3::Y) > 2.8, "below it");
+    assert!(read(0.4 + plane::AIR_FROM_VOXELS, Vec3::Y) > 2.8, "above it");
+    // What slants by this much goes through a voxel from side to side.
+    let slanted = Vec3::new(0.9, 1.0, 0.0).normalize();
+    assert!(read(0.4 + plane::AIR_FROM_VOXELS, slanted) < 2.1, "{}", read(0.7, slanted));
+}
+
+/// Goal: a surface answers where there is no air, however far off it lies.
+#[test]
+fn points_without_air_read_the_surface_in_their_voxels() {
+    let with_air = floor_under_air();
+    let mut volume = with_air.without_air();
+    for index in 0..layout().voxel_count() {
+        volume.set_plane(layout().voxel_of(index), 2, plane::encode(0.0));
+    }
+    let read = lookup(&[&volume], Vec3::new(0.23, 0.9 * EDGE_M, 1.47), Vec3::Y).unwrap();
+    assert!((read.irradiance.x - 1.0).abs() < 1e-5);
+}
+
 /// Goal: nothing that moves meets a step. Method: steps through the air and into the
 /// floor, past a lone patch, and steps a quarter as long.
 #[test]
