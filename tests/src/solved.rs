@@ -147,7 +147,9 @@ impl SolvedWorld {
             voxel_edge_m: self.grid.voxel_edge_m,
         };
         let mut volume = Volume::new(layout).expect("a small world");
-        for (index, patch) in self.patches().enumerate() {
+        let told =
+            self.chunks.iter().flat_map(|chunk| (0..chunk.patches.len()).map(|local| chunk.is_told(local)));
+        for ((index, patch), _) in self.patches().enumerate().zip(told).filter(|&(_, is_told)| is_told) {
             let (all, sky) = (solution.irradiance[index], solution.sky_irradiance[index]);
             volume.set_patch(patch.voxel, patch.direction.index(), all, sky, u8::MAX);
             let plane = earthshine_volume::plane::encode(patch.plane_offset(self.grid.voxel_edge_m));
@@ -172,8 +174,8 @@ impl SolvedWorld {
         let mut details = BTreeMap::new();
         for chunk in &self.chunks {
             let rows = &chunk.receivers.rows;
-            let own: BTreeMap<PatchPlace, &Patch> =
-                chunk.patches.iter().map(|patch| (place_of(patch), patch)).collect();
+            let told = chunk.patches.iter().enumerate().filter(|&(local, _)| chunk.is_told(local));
+            let own: BTreeMap<PatchPlace, &Patch> = told.map(|(_, patch)| (place_of(patch), patch)).collect();
             for (row, place) in chunk.receivers.places.iter().enumerate() {
                 let Some(detail) = place.detail else { continue };
                 let of = chunk.points_of(own[&(place.voxel.to_array(), place.direction.index())]);

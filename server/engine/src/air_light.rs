@@ -138,7 +138,8 @@ impl<'a> Teller<'a> {
         let place = |(slot, resident): (u32, &Resident)| {
             ((resident.patch.voxel.to_array(), resident.patch.direction), slot)
         };
-        let by_place = if detail > 1 { local.iter().map(place).collect() } else { BTreeMap::new() };
+        let told = || local.iter().filter(|(_, resident)| resident.is_told);
+        let by_place = if detail > 1 { told().map(place).collect() } else { BTreeMap::new() };
         let has_near = detail > 1 && local.iter().any(|(_, resident)| resident.light.on_points().is_some());
         Self { local, by_place, detail, grid, has_near }
     }

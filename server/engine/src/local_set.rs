@@ -20,6 +20,8 @@ use std::sync::Arc;
 pub(crate) struct Resident {
     pub(crate) id: PatchId,
     pub(crate) patch: Patch,
+    /// See [`Chunk::is_told`].
+    pub(crate) is_told: bool,
     pub(crate) sky_shares: [f32; 6],
     /// How its row splits now.
     pub(crate) split: RowSplit,
@@ -252,8 +254,8 @@ impl LocalSet {
     /// Brings [`Self::in_frame_order`] up to date.
     pub(crate) fn sort_for_frames(&mut self) {
         if std::mem::take(&mut self.is_order_old) {
-            let mut order: Vec<_> = self
-                .iter()
+            let told = self.iter().filter(|(_, resident)| resident.is_told);
+            let mut order: Vec<_> = told
                 .map(|(slot, resident)| (resident.patch.voxel.to_array(), resident.patch.direction, slot))
                 .collect();
             order.sort_unstable();
@@ -261,7 +263,7 @@ impl LocalSet {
         }
     }
 
-    /// Residents as frames list them, as of the last [`Self::sort_for_frames`]: ascending by voxel (x, y, z), then direction.
+    /// Residents whose light is told, as frames list them, as of the last [`Self::sort_for_frames`]: ascending by voxel (x, y, z), then direction.
     pub(crate) fn in_frame_order(&self) -> impl Iterator<Item = &Resident> {
         self.order.iter().map(|&slot| self.resident(slot))
     }
@@ -389,6 +391,7 @@ impl LocalSet {
         self.residents[slot as usize] = Some(Resident {
             id,
             patch,
+            is_told: chunk.is_told(local),
             sky_shares,
             split: RowSplit::default(),
             sky_share,

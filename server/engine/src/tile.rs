@@ -7,7 +7,9 @@ use crate::error::TileFault;
 use earthshine_light::Occluders;
 use earthshine_radiosity::invariant::row_sums_to_one;
 use earthshine_world::lineage::Lineage;
-use earthshine_world::{Chunk, ChunkRows, ChunkSummary, Grid, Patch, ReceiverPlace, Receivers, SamplePoint};
+use earthshine_world::{
+    Chunk, ChunkRows, ChunkSummary, Direction, Grid, Patch, ReceiverPlace, Receivers, Rgb, SamplePoint,
+};
 use std::mem::size_of;
 use std::sync::Arc;
 
@@ -84,10 +86,20 @@ fn check_patches(chunk: &Chunk, grid: &Grid) -> Result<(), TileFault> {
         if !(points && light && shape && grid.chunk_of(patch.voxel) == chunk.id.coord) {
             return Err(TileFault::Patch(index));
         }
-        places.push((patch.voxel.to_array(), patch.direction));
+        places.push((patch.voxel.to_array(), patch.direction, index));
     }
     places.sort_unstable();
-    if places.windows(2).any(|pair| pair[0] == pair[1]) { Err(TileFault::Duplicate) } else { Ok(()) }
+    let is_fault = |pair: &[([i32; 3], Direction, usize)]| {
+        let [(voxel, direction, first), (next, facing, second)] = [pair[0], pair[1]];
+        (voxel, direction) == (next, facing) && !is_emitter_beside(chunk, first, second)
+    };
+    if places.windows(2).any(is_fault) { Err(TileFault::Duplicate) } else { Ok(()) }
+}
+
+/// Whether patch `second`, in the same place as `first`, is what emits there beside what does not.
+fn is_emitter_beside(chunk: &Chunk, first: usize, second: usize) -> bool {
+    let emits = |patch: usize| chunk.patches[patch].emission != Rgb::ZERO;
+    second == first + 1 && chunk.is_told(first) && emits(second) && !emits(first)
 }
 
 /// Receivers ascend, lie in the chunk, and are where a patch is just if they are of its surfaces.
@@ -151,6 +163,30 @@ mod tests {
         spoil(&mut chunk);
         let no_casters = Occluders::build(&OccluderMesh::default());
         Tile::new(Arc::new(chunk), Arc::default(), Arc::new(no_casters), &world.index.grid).map(|_| ())
+    }
+
+    #[test]
+    fn what_emits_may_stand_beside_what_does_not() {
+        let world = RandomWorld::new(1, WorldShape::default());
+        let fullest = world.chunks.values().max_by_key(|chunk| chunk.patches.len()).unwrap();
+        let check = |emissions: [Rgb; 3]| {
+            let mut chunk = Chunk::clone(fullest);
+            let place = chunk.patches[0];
+            for (patch, emission) in chunk.patches.iter_mut().zip(emissions) {
+                *patch = Patch { emission, ..place };
+            }
+            chunk.patches.truncate(if emissions[2] == Rgb::MAX { 2 } else { 3 });
+            check_patches(&chunk, &world.index.grid)
+        };
+        assert_eq!(check([Rgb::ZERO, Rgb::ONE, Rgb::MAX]), Ok(()));
+        for refused in [
+            [Rgb::ZERO, Rgb::ZERO, Rgb::MAX],
+            [Rgb::ONE, Rgb::ZERO, Rgb::MAX],
+            [Rgb::ONE, Rgb::ONE, Rgb::MAX],
+            [Rgb::ZERO, Rgb::ONE, Rgb::ONE],
+        ] {
+            assert_eq!(check(refused), Err(TileFault::Duplicate), "{refused:?}");
+        }
     }
 
     #[test]

@@ -91,7 +91,7 @@ impl Default for BakeMethod {
             estimator: RowEstimator::Rays,
             spread: RaySpread::R2,
             row_error: 0.0,
-            emitter_factor: 16,
+            emitter_factor: 256,
             rays_min: 256,
             rays_max: 8192,
         }

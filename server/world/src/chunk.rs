@@ -55,4 +55,15 @@ impl Chunk {
         let first = patch.point_first as usize;
         &self.points[first..first + patch.point_count as usize]
     }
+
+    /// Whether the light on patch `local` is what is told of its voxel and direction. What emits there beside what does not
+    /// is a patch of its own and comes second: it sends light, and what arrives at it nobody reads.
+    ///
+    /// # Panics
+    /// If there is no such patch.
+    #[must_use]
+    pub fn is_told(&self, local: usize) -> bool {
+        let place = |local: usize| (self.patches[local].voxel, self.patches[local].direction);
+        local.checked_sub(1).is_none_or(|before| place(before) != place(local))
+    }
 }

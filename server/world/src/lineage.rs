@@ -39,17 +39,34 @@ impl Lineage {
     }
 }
 
+/// Where the patches of one level are, to find parents among them.
+#[derive(Debug, Clone, Default)]
+pub struct CoarsePlaces {
+    /// By voxel, direction and whether it emits. Only looked up, never iterated.
+    places: HashMap<([i32; 3], Direction, bool), u32>,
+}
+
+impl CoarsePlaces {
+    /// Those of `coarser`, numbered as they come.
+    pub fn new<'a>(coarser: impl Iterator<Item = &'a Patch>) -> Self {
+        let place = |patch: &Patch| (patch.voxel.to_array(), patch.direction, patch.emits());
+        Self { places: coarser.map(place).zip(0u32..).collect() }
+    }
+
+    /// The number of the parent of `patch`: of what emits, where both kinds are there, if it emits.
+    #[must_use]
+    pub fn parent(&self, patch: &Patch) -> Option<u32> {
+        let voxel = Grid::parent_voxel(patch.voxel).to_array();
+        let place = |emits: bool| self.places.get(&(voxel, patch.direction, emits)).copied();
+        place(patch.emits()).or_else(|| place(!patch.emits()))
+    }
+}
+
 /// The parents of `patches` among the patches of their parent chunk; `None` if one has no parent there.
 #[must_use]
 pub fn parents_among(patches: &[Patch], coarser: &[Patch]) -> Option<Parents> {
-    let places: HashMap<([i32; 3], Direction), u16> = coarser
-        .iter()
-        .zip(0u16..)
-        .map(|(patch, local)| ((patch.voxel.to_array(), patch.direction), local))
-        .collect();
-    let parent =
-        |patch: &Patch| places.get(&(Grid::parent_voxel(patch.voxel).to_array(), patch.direction)).copied();
-    patches.iter().map(parent).collect()
+    let places = CoarsePlaces::new(coarser.iter());
+    patches.iter().map(|patch| places.parent(patch).and_then(|local| u16::try_from(local).ok())).collect()
 }
 
 #[cfg(test)]
@@ -77,6 +94,10 @@ mod tests {
         let parents = parents_among(&fine, &coarse).expect("all have parents");
         assert_eq!(*parents, [1, 1, 0]);
         assert_eq!(parents_among(&fine, &coarse[1..]), None);
+        let glowing = |of: Patch| Patch { emission: Vec3::ONE, ..of };
+        let apart = [coarse[0], coarse[1], glowing(coarse[1])];
+        assert_eq!(*parents_among(&[fine[0], glowing(fine[0])], &apart).expect("both"), [1, 2]);
+        assert_eq!(*parents_among(&[glowing(fine[0])], &coarse).expect("no other is there"), [1]);
         let (mut lineage, chunk) = (Lineage::default(), ChunkId::new(0, ChunkCoord::new(-3, 0, 0)));
         lineage.insert(chunk, parents);
         let of = |local| lineage.parent(PatchId { chunk, local });

@@ -34,6 +34,12 @@ pub struct Patch {
 }
 
 impl Patch {
+    /// Whether it is of what emits: in one voxel and direction that is a patch of its own.
+    #[must_use]
+    pub fn emits(&self) -> bool {
+        self.emission != Rgb::ZERO
+    }
+
     /// Where in its voxel its surface lies along the axis of its direction, in voxel edges from the low side, 0..=1.
     #[must_use]
     pub fn plane_offset(&self, voxel_edge_m: f32) -> f32 {

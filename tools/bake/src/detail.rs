@@ -6,11 +6,11 @@
 //! a voxel's mean.
 //!
 //! Few rays find a lamp by chance. So patches that emit cast theirs towards detail voxels too (`emitted`), and
-//! both estimates are averaged by what they vary (`with_emitters`). Long rows are thinned as those in the air are.
+//! both estimates are averaged by what they vary (`with_emitters`), layer by layer. Long rows are thinned as those in the air are.
 
 use crate::counted_rows::{RayPlan, RowInquiry};
 use crate::detail_exposure;
-use crate::emitted::FromEmitter;
+use crate::emitted::{FromEmitter, piece_of};
 use crate::estimator::emits;
 use crate::inquiry::{Inquiry, Question};
 use crate::layers::layers_of;
@@ -74,8 +74,8 @@ pub(crate) struct ChunkDetail {
 pub(crate) struct DetailPart {
     pub(crate) place: ReceiverPlace,
     part: BakePatch,
-    /// Whether other layers share its detail voxel and direction.
-    is_one_of_several: bool,
+    /// The sides of triangles that it consists of, ascending ([`piece_of`]).
+    pieces: Vec<u32>,
 }
 
 /// A part that asks a device for the ends of its rays.
@@ -122,10 +122,9 @@ impl<'a> DetailBake<'a> {
         };
         let mut parts = Vec::new();
         for layers in found.patches.chunk_by(is_same) {
-            let is_one_of_several = layers.len() > 1;
             let part = |(layer, part): (u8, &BakePatch)| {
                 let place = self.place(part, layer, &samples)?;
-                Some(DetailPart { place, part: part.clone(), is_one_of_several })
+                Some(DetailPart { place, part: part.clone(), pieces: self.pieces(part, &samples) })
             };
             parts.extend((0..).zip(layers).filter_map(part));
         }
@@ -160,11 +159,8 @@ impl<'a> DetailBake<'a> {
     /// What becomes of the `row` that rays of `of` say: with what emitters say, and no longer than it may be.
     fn finished(&self, mut row: RawRow, of: &DetailPart) -> RawRow {
         let BakeParameters { seed, detail_columns, .. } = *self.caster.parameters;
-        // What emitters say is said of the detail voxel as a whole.
-        if !of.is_one_of_several {
-            let emitted = emitted_to(self.emitted, &of.part, self.caster.parameters);
-            self.with_emitters(&mut row, of.part.patch.area, emitted);
-        }
+        let emitted = emitted_to(self.emitted, of, self.caster.parameters);
+        self.with_emitters(&mut row, of.part.patch.area, &emitted);
         let draw = unit_f32(hash(seed, Purpose::ReceiverRay, !of.part.key, 0));
         thin(&mut row.entries, detail_columns as usize, draw, |patch| emits(self.caster.set, patch as usize));
         row
@@ -210,6 +206,18 @@ impl<'a> DetailBake<'a> {
         self.caster.set.patches[patch as usize].patch.area
     }
 
+    /// The sides of triangles that `part` of `samples` consists of.
+    fn pieces(&self, part: &BakePatch, samples: &[SurfaceSample]) -> Vec<u32> {
+        let scene = self.caster.tracer.tracer().scene();
+        let mut sides: Vec<u32> =
+            part.samples.iter().map(|&(sample, _)| samples[sample as usize].side).collect();
+        sides.sort_unstable();
+        sides.dedup();
+        let mut pieces: Vec<u32> = sides.into_iter().map(|side| piece_of(scene, side)).collect();
+        pieces.sort_unstable();
+        pieces
+    }
+
     /// Where the receiver of `part`, made of `samples`, is; `None` where its voxel has no patch.
     fn place(&self, part: &BakePatch, layer: u8, samples: &[SurfaceSample]) -> Option<ReceiverPlace> {
         let parameters = self.caster.parameters;
@@ -232,16 +240,12 @@ impl<'a> DetailBake<'a> {
     }
 }
 
-/// Of `emitted`: what is of the detail voxel and direction of `part`.
-fn emitted_to<'e>(
-    emitted: &'e [FromEmitter],
-    part: &BakePatch,
-    parameters: &BakeParameters,
-) -> &'e [FromEmitter] {
-    let id = detail_id(part.patch.voxel, part.patch.direction, parameters);
+/// Of `emitted`: what is of the detail voxel, the direction and the pieces of `of`.
+fn emitted_to(emitted: &[FromEmitter], of: &DetailPart, parameters: &BakeParameters) -> Vec<FromEmitter> {
+    let id = detail_id(of.part.patch.voxel, of.part.patch.direction, parameters);
     let first = emitted.partition_point(|from| from.detail < id);
-    let of_part = &emitted[first..];
-    &of_part[..of_part.partition_point(|from| from.detail == id)]
+    let of_voxel = emitted[first..].iter().take_while(|from| from.detail == id);
+    of_voxel.filter(|from| of.pieces.binary_search(&from.piece).is_ok()).copied().collect()
 }
 
 /// What a row sees of all emitters, if its own rays say `own` and theirs say `theirs`, a first guess is `guess`, and the

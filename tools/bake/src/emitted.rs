@@ -2,10 +2,11 @@
 //!
 //! One file a chunk with emitters, in parts that the chunks their rays end in can read on their own:
 //!
-//! │ sections │ section: chunk 3 x i32, entries u32 │ entry: emitter u32, detail voxel u32, share f32 │
+//! │ sections │ section: chunk 3 x i32, entries u32 │ entry: emitter u32, detail voxel u32, piece u32, share f32 │
 //!
-//! Sections ascend by chunk, entries by emitter (its [`PatchSet::stable_id`]), then detail voxel ([`detail_id`]). A share
-//! is one of the emitter's rays.
+//! Sections ascend by chunk, entries by emitter (its [`PatchSet::stable_id`]), then detail voxel ([`detail_id`]), then piece
+//! ([`piece_of`]): layers of a detail voxel consist of pieces, and what an emitter sees of one it need not see of another. A
+//! share is one of the emitter's rays.
 
 use crate::BakeError;
 use crate::cells::Seen;
@@ -16,13 +17,14 @@ use crate::inquiry::QUESTION_RAYS;
 use crate::offload::Offload;
 use crate::patches::PatchSet;
 use crate::rows::{RAY_OFFSET, RowCaster};
-use crate::sample::{side_weights, voxel_of};
+use crate::sample::{side_of, side_weights, voxel_of};
 use crate::shard::{for_all, visits};
 use crate::spread::Spread;
 use crate::stages::{Known, Run};
 use crate::tracing::caster;
 use crate::words::{Reader, Writer};
 use crate::work_folder::{Kind, Stamp};
+use earthshine_scene::Scene;
 use earthshine_tiles::{BakeMethod, BakeParameters};
 use earthshine_trace::hemisphere::cosine_direction;
 use earthshine_trace::{Hit, Query};
@@ -32,15 +34,24 @@ use std::ops::Range;
 use xxhash_rust::xxh3::{Xxh3Default, xxh3_64};
 
 const SECTION_BYTES: u64 = 16;
-const ENTRY_BYTES: u64 = 12;
+const ENTRY_BYTES: u64 = 16;
 
 /// A share of an emitter's rays that ends in one detail voxel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct FromEmitter {
     /// See [`detail_id`].
     pub(crate) detail: u32,
+    /// See [`piece_of`].
+    pub(crate) piece: u32,
     pub(crate) patch: u32,
     pub(crate) share: f32,
+}
+
+/// A number of a side of a triangle that does not change with edits elsewhere. Two that share a number matter only in one
+/// detail voxel.
+pub(crate) fn piece_of(scene: &Scene, side: u32) -> u32 {
+    let corners = xxh3_64(bytemuck::bytes_of(&scene.triangles[side as usize / 2]));
+    (corners as u32) ^ (side & 1)
 }
 
 /// The files of all chunks with emitters.
@@ -120,30 +131,33 @@ impl EmittedFiles {
             hash.update(&part);
             let mut reader = Reader(&part);
             while !reader.is_empty() {
-                let mut entry = || Some((reader.u32()?, reader.u32()?, reader.f32()?));
-                let known_entry = entry().and_then(|(id, detail, share)| {
+                let mut entry = || Some((reader.u32()?, reader.u32()?, reader.u32()?, reader.f32()?));
+                let known_entry = entry().and_then(|(id, detail, piece, share)| {
                     let id = u16::try_from(id).ok()?;
                     let patch = known.set.by_stable_id(from, id, &run.parameters().grid)?;
-                    Some(FromEmitter { detail, patch, share })
+                    Some(FromEmitter { detail, piece, patch, share })
                 });
                 found.push(known_entry.ok_or(BakeError::WorkChanged { chunk: from })?);
             }
         }
-        found.sort_by_key(|from| (from.detail, from.patch));
+        found.sort_by_key(|from| (from.detail, from.patch, from.piece));
         Ok((found, hash.digest()))
     }
 }
+
+/// Of a file: emitter, detail voxel, piece, share.
+type Entry = (u32, u32, u32, f32);
 
 /// The payload of the file of `caster`'s chunk.
 fn encode(caster: &RowCaster<'_>, offload: &Offload<'_>, emitters: &[u32], rays: u32) -> Vec<u8> {
     let grid = &caster.parameters.grid;
     let seen: Vec<Shares> =
         emitters.par_iter().map(|&emitter| shares_of(caster, offload, emitter, rays)).collect();
-    let mut sections: BTreeMap<[i32; 3], Vec<(u32, u32, f32)>> = BTreeMap::new();
+    let mut sections: BTreeMap<[i32; 3], Vec<Entry>> = BTreeMap::new();
     for (&emitter, shares) in emitters.iter().zip(seen) {
         let id = u32::from(caster.set.stable_id(emitter, grid));
-        for ((chunk, detail), share) in shares {
-            sections.entry(chunk).or_default().push((id, detail, share));
+        for ((chunk, detail, piece), share) in shares {
+            sections.entry(chunk).or_default().push((id, detail, piece, share));
         }
     }
     let mut out = Writer::default();
@@ -152,15 +166,15 @@ fn encode(caster: &RowCaster<'_>, offload: &Offload<'_>, emitters: &[u32], rays:
         out.i32s(*chunk);
         out.u32(entries.len() as u32);
     }
-    for (id, detail, share) in sections.into_values().flatten() {
-        out.u32s([id, detail]);
+    for (id, detail, piece, share) in sections.into_values().flatten() {
+        out.u32s([id, detail, piece]);
         out.f32s([share]);
     }
     out.0
 }
 
-/// Shares by chunk and [`detail_id`].
-type Shares = BTreeMap<([i32; 3], u32), f32>;
+/// Shares by chunk, [`detail_id`] and [`piece_of`].
+type Shares = BTreeMap<([i32; 3], u32, u32), f32>;
 
 /// Where the rays of `emitter` end, by the device if there is one; what hits places that count for no patch is left out.
 fn shares_of(caster: &RowCaster<'_>, offload: &Offload<'_>, emitter: u32, rays: u32) -> Shares {
@@ -202,11 +216,12 @@ fn add_shares(caster: &RowCaster<'_>, query: &Query, hit: &Hit, rays: u32, share
     let voxel = voxel_of(position, normal, parameters.grid.voxel_edge_m);
     let detail = detail_voxel_of(voxel, position, normal, parameters);
     let chunk = parameters.grid.chunk_of(voxel).to_array();
+    let piece = piece_of(caster.tracer.tracer().scene(), side_of(hit.triangle, hit.front));
     for ((direction, weight), (patch, _)) in side_weights(parameters.weights, normal).into_iter().zip(owners)
     {
         if weight > 0.0 && patch != PatchSet::NONE {
             let id = detail_id(detail, direction, parameters);
-            *shares.entry((chunk, id)).or_default() += weight / rays as f32;
+            *shares.entry((chunk, id, piece)).or_default() += weight / rays as f32;
         }
     }
 }

@@ -5,6 +5,7 @@
 //! these places, by the bake's own rays. The answer is a guess of the bake's own count, within some 15 %; it hangs on the
 //! scene and the parameters alone. Start at [`PatchCounter`].
 
+use crate::apart::{EMITTER_ORDINALS, is_apart};
 use crate::builder::Builder;
 use crate::clip::clip_to_grid;
 use crate::exposure::Exposure;
@@ -15,7 +16,7 @@ use earthshine_scene::Scene;
 use earthshine_tiles::BakeParameters;
 use earthshine_trace::SceneTracer;
 use earthshine_world::random::{Purpose, hash};
-use earthshine_world::{ChunkCoord, Grid};
+use earthshine_world::{ChunkCoord, Grid, Rgb, Vec3};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::ops::RangeInclusive;
@@ -54,6 +55,8 @@ pub struct PatchGuess {
     pub count: f64,
     /// In the chunk that has most.
     pub of_chunk_max: f64,
+    /// Mean area that emits, in faces of a voxel, in a voxel and direction in which anything does; 0 where nothing does.
+    pub lamp_faces: f64,
 }
 
 /// Counts the patches of a scene.
@@ -118,10 +121,28 @@ impl<'a> PatchCounter<'a> {
         for &place in &places {
             *by_chunk.entry(grid.chunk_of(voxel_of_key(place))).or_default() += 1;
         }
+        let lamps = places.iter().filter(|&&place| is_apart(place)).count();
+        let lamp_faces = self.emitting_area() / (lamps.max(1) as f64 * f64::from(edge_m).powi(2));
         let (count, of_chunk_max) = (places.len(), by_chunk.into_values().max().unwrap_or(0));
         // What is buried is taken to be so everywhere.
         let exposed = self.exposed_share(places, &parameters);
-        Some(PatchGuess { count: count as f64 * exposed, of_chunk_max: of_chunk_max as f64 * exposed })
+        Some(PatchGuess {
+            count: count as f64 * exposed,
+            of_chunk_max: of_chunk_max as f64 * exposed,
+            lamp_faces,
+        })
+    }
+
+    /// Area of all sides that emit, m2.
+    fn emitting_area(&self) -> f64 {
+        let Scene { triangles, materials, material_of, .. } = self.scene;
+        let area = |(&[a, b, c], &of): (&[Vec3; 3], &u32)| {
+            let material = &materials[of as usize];
+            let sides = if material.double_sided { 2.0 } else { 1.0 };
+            let area = 0.5 * f64::from((b - a).cross(c - a).length());
+            if material.emitted_radiance == Rgb::ZERO { 0.0 } else { sides * area }
+        };
+        triangles.iter().zip(material_of).map(area).sum()
     }
 
     /// Every direction that something faces in a voxel of `edge_m`, ascending; `None` for more than `most`.
@@ -153,13 +174,17 @@ impl<'a> PatchCounter<'a> {
         let normal = self.scene.normal(triangle);
         let sides: &[f32] =
             if self.parameters.two_sided || material.double_sided { &[1.0, -1.0] } else { &[1.0] };
-        for side_normal in sides.iter().map(|&side| normal * side) {
+        for &side in sides {
+            let side_normal = normal * side;
+            // What emits is a patch of its own.
+            let emits = material.emitted_radiance != Rgb::ZERO && (side > 0.0 || material.double_sided);
+            let apart = if emits { usize::from(EMITTER_ORDINALS) } else { 0 };
             let shifted =
                 self.scene.triangles[triangle].map(|corner| corner + side_normal * (OFF_SURFACE * edge_m));
             let faced = side_weights(self.parameters.weights, side_normal);
             clip_to_grid(shifted, edge_m, |voxel, _| {
                 let faced = faced.iter().filter(|(_, weight)| *weight > 0.0);
-                places.extend(faced.map(|(direction, _)| patch_key(voxel, direction.index())));
+                places.extend(faced.map(|(direction, _)| patch_key(voxel, direction.index() + apart)));
             });
         }
     }
@@ -205,7 +230,9 @@ impl<'a> PatchCounter<'a> {
                     sample_triangle(self.scene, triangle, parameters, EVERYWHERE, |sample| {
                         let faced = side_weights(parameters.weights, sample.normal);
                         let faced = faced.iter().filter(|(_, weight)| *weight > 0.0);
-                        let of_sample = faced.map(|(way, _)| patch_key(sample.voxel, way.index()));
+                        let apart =
+                            if sample.emission == Rgb::ZERO { 0 } else { usize::from(EMITTER_ORDINALS) };
+                        let of_sample = faced.map(|(way, _)| patch_key(sample.voxel, way.index() + apart));
                         found.extend(of_sample.filter(|key| asked.contains(key)).map(|key| (key, sample)));
                     });
                 }

@@ -23,6 +23,7 @@
 //! only rows and points whose rays come to what changed (`changes`) are traced; [`stale`] says which were. How much memory it all takes is said first ([`memory`]). Start at [`bake`].
 
 pub mod adaptive;
+mod apart;
 mod balance;
 pub mod builder;
 pub mod cells;

@@ -1,13 +1,13 @@
 //! Samples to patches: what faces one direction in one voxel, or what one cluster holds.
 
+use crate::apart::{CHUNK_EDGE_MAX, Contribution, Emitters, SortKey, is_apart, is_apart_ordinal, part};
 use crate::clusters::ClusterOf;
 use crate::exposure::Exposure;
 use crate::hidden::{HiddenPlaces, PieceSample};
 use crate::layers::LayersOfSample;
-use crate::places::{ClusterPlaces, Owners, Place, Places};
+use crate::places::{AxisPlaces, ClusterPlaces, Owners, Place, Places};
 use crate::rows::patch_key;
 use crate::sample::{SurfaceSample, side_weights};
-use crate::voxel_map::VoxelMap;
 use earthshine_tiles::BakeParameters;
 use earthshine_world::random::{Purpose, hash, unit_f32};
 use earthshine_world::{ChunkCoord, Direction, Grid, Patch, Rgb, Vec3, VoxelCoord};
@@ -18,7 +18,7 @@ use std::collections::BTreeMap;
 const AREA_MIN: f32 = 1e-4;
 
 /// Ordinals below it are of directions or of clusters; layers count in steps of it.
-const LAYER_ORDINALS: u8 = 16;
+pub(crate) const LAYER_ORDINALS: u8 = 16;
 
 /// A patch with everything the bake needs to know of it.
 #[derive(Debug, Clone)]
@@ -46,7 +46,8 @@ impl PatchSet {
     /// No patch here.
     pub const NONE: u32 = u32::MAX;
 
-    /// The axis-aligned patches of `voxel` by direction; clusters are not found by direction.
+    /// The axis-aligned patches of `voxel` by direction, those of what does not emit where there are two; clusters are not
+    /// found by direction.
     #[must_use]
     pub fn of_voxel(&self, voxel: VoxelCoord) -> [u32; 6] {
         self.places.of_voxel(voxel)
@@ -74,14 +75,13 @@ impl PatchSet {
         chunks: impl Iterator<Item = ([i32; 3], Vec<BakePatch>, Vec<PieceSample>)>,
         parameters: &BakeParameters,
     ) -> Self {
-        let mut by_voxel: VoxelMap<VoxelCoord, [u32; 6]> = VoxelMap::default();
+        let mut places = AxisPlaces::new(parameters.weights);
         let (mut patches, mut ranges) = (Vec::new(), BTreeMap::new());
         let mut hidden = HiddenPlaces::default();
         for (coord, own, pieces) in chunks {
             let first = patches.len() as u32;
             for BakePatch { patch, key, .. } in own {
-                let place = by_voxel.entry(patch.voxel).or_insert([Self::NONE; 6]);
-                place[patch.direction.index()] = patches.len() as u32;
+                places.add(patch.voxel, patch.direction, is_apart(key), patches.len() as u32);
                 patches.push(BakePatch { patch, key, samples: Vec::new() });
             }
             if patches.len() as u32 > first {
@@ -89,8 +89,7 @@ impl PatchSet {
             }
             pieces.into_iter().for_each(|piece| hidden.add(piece));
         }
-        let places = Places::Axis { by_voxel, weights: parameters.weights };
-        Self { patches, chunks: ranges, places, hidden }
+        Self { patches, chunks: ranges, places: Places::Axis(places), hidden }
     }
 
     /// The same without samples; places and all else that rays ask for stay.
@@ -113,10 +112,11 @@ impl PatchSet {
         let chunk = grid.chunk_of(patch.voxel);
         match &self.places {
             Places::Clusters(_) => (index - self.chunks[&chunk.to_array()].start) as u16,
-            Places::Axis { .. } => {
+            Places::Axis(_) => {
                 let edge = grid.chunk_edge_voxels.cast_signed();
                 let at = patch.voxel - chunk * edge;
-                (((at.x * edge + at.y) * edge + at.z) * 6) as u16 + patch.direction.index() as u16
+                let emitters = if is_apart(self.patches[index as usize].key) { edge.pow(3) * 6 } else { 0 };
+                (emitters + ((at.x * edge + at.y) * edge + at.z) * 6) as u16 + patch.direction.index() as u16
             }
         }
     }
@@ -129,12 +129,14 @@ impl PatchSet {
                 let range = self.chunks.get(&chunk)?;
                 Some(range.start + u32::from(id)).filter(|index| range.contains(index))
             }
-            Places::Axis { .. } => {
+            Places::Axis(places) => {
                 let edge = grid.chunk_edge_voxels.cast_signed();
                 let (voxel, direction) = (i32::from(id) / 6, usize::from(id) % 6);
+                let (is_emitter, voxel) = (voxel / edge.pow(3) > 0, voxel % edge.pow(3));
                 let at = VoxelCoord::new(voxel / (edge * edge), voxel / edge % edge, voxel % edge);
-                let index = self.of_voxel(VoxelCoord::from_array(chunk) * edge + at)[direction];
-                (index != Self::NONE).then_some(index)
+                let at = VoxelCoord::from_array(chunk) * edge + at;
+                let found = if is_emitter { places.emitters(at) } else { places.of_voxel(at) };
+                (found[direction] != Self::NONE).then_some(found[direction])
             }
         }
     }
@@ -151,10 +153,12 @@ impl PatchSet {
         self.patches.is_empty()
     }
 
-    /// Groups `samples` into axis-aligned patches.
+    /// Groups `samples` into axis-aligned patches: what emits in a voxel and direction apart from what does not.
     #[must_use]
     pub fn group(samples: &[SurfaceSample], parameters: &BakeParameters) -> Self {
-        Self::of_sides(samples, |_, _| 0, parameters)
+        let has_numbers = parameters.grid.chunk_edge_voxels <= CHUNK_EDGE_MAX;
+        let emitters = if has_numbers { Emitters::Apart } else { Emitters::Mixed };
+        Self::of_sides(samples, |_, _| 0, parameters, emitters)
     }
 
     /// One patch a voxel, direction and layer.
@@ -162,6 +166,7 @@ impl PatchSet {
         samples: &[SurfaceSample],
         layer: impl Fn(usize, Direction) -> u8,
         parameters: &BakeParameters,
+        emitters: Emitters,
     ) -> Self {
         let grid = parameters.grid;
         let mut contributions: Vec<Contribution> = Vec::with_capacity(samples.len());
@@ -180,8 +185,8 @@ impl PatchSet {
                 }
             }
         }
-        let places = Places::Axis { by_voxel: VoxelMap::default(), weights: parameters.weights };
-        Self::from_contributions(contributions, samples, &grid, places)
+        let places = Places::Axis(AxisPlaces::new(parameters.weights));
+        Self::from_contributions(contributions, samples, &grid, places, emitters)
     }
 
     /// Groups `samples` by voxel, direction and layer; `layers` says which one each belongs to on each direction.
@@ -190,7 +195,12 @@ impl PatchSet {
         layers: &[LayersOfSample],
         parameters: &BakeParameters,
     ) -> Self {
-        Self::of_sides(samples, |sample, direction| layers[sample][direction.index()], parameters)
+        Self::of_sides(
+            samples,
+            |sample, direction| layers[sample][direction.index()],
+            parameters,
+            Emitters::LeftOut,
+        )
     }
 
     /// Makes one patch of each cluster; `clusters` says which one each of `samples` belongs to.
@@ -211,7 +221,13 @@ impl PatchSet {
                 Some(Contribution { key, sample: index as u32, weight: sample.area })
             })
             .collect();
-        Self::from_contributions(contributions, samples, &grid, Places::Clusters(ClusterPlaces::default()))
+        Self::from_contributions(
+            contributions,
+            samples,
+            &grid,
+            Places::Clusters(ClusterPlaces::default()),
+            Emitters::Mixed,
+        )
     }
 
     fn from_contributions(
@@ -219,12 +235,14 @@ impl PatchSet {
         samples: &[SurfaceSample],
         grid: &Grid,
         places: Places,
+        emitters: Emitters,
     ) -> Self {
         contributions.sort_by_key(|c| (c.key, c.sample));
         let mut set =
             Self { patches: Vec::new(), chunks: BTreeMap::new(), places, hidden: HiddenPlaces::default() };
+        part(&mut contributions, samples, emitters);
         for run in contributions.chunk_by(|a, b| a.key == b.key) {
-            set.push(run, samples, grid);
+            set.push(run, samples, grid, emitters);
         }
         let is_left_out: Vec<bool> = samples.iter().map(|sample| set.outshines(sample)).collect();
         set.hidden = HiddenPlaces::collect(samples, &is_left_out);
@@ -236,7 +254,8 @@ impl PatchSet {
         if matches!(sample.exposure, Exposure::Open(_)) {
             return false;
         }
-        self.places.owners(&sample.place()).iter().any(|&(patch, weight)| {
+        let lamp = Place { emits: true, ..sample.place() };
+        self.places.owners(&lamp).iter().any(|&(patch, weight)| {
             weight > 0.0
                 && patch != Self::NONE
                 && self.patches[patch as usize].patch.emission.max_element()
@@ -244,18 +263,19 @@ impl PatchSet {
         })
     }
 
-    fn push(&mut self, run: &[Contribution], samples: &[SurfaceSample], grid: &Grid) {
+    fn push(&mut self, run: &[Contribution], samples: &[SurfaceSample], grid: &Grid, emitters: Emitters) {
         let (_, direction, _, ordinal) = run[0].key;
         let voxel = samples[run[0].sample as usize].voxel;
-        let merged = merge(run, samples, voxel, direction, ordinal);
+        let merged =
+            merge(exposed(run, samples, emitters), samples, voxel, key_of(voxel, ordinal), direction);
         let face = grid.voxel_edge_m * grid.voxel_edge_m;
         let is_sliver = merged.patch.area < AREA_MIN * face && merged.patch.emission == Rgb::ZERO;
         let index = if is_sliver { Self::NONE } else { self.patches.len() as u32 };
         match &mut self.places {
-            Places::Axis { by_voxel, .. } if !is_sliver => {
-                by_voxel.entry(voxel).or_insert([Self::NONE; 6])[direction.index()] = index;
+            Places::Axis(places) if !is_sliver => {
+                places.add(voxel, direction, is_apart_ordinal(ordinal), index);
             }
-            Places::Axis { .. } => {}
+            Places::Axis(_) => {}
             Places::Clusters(places) => {
                 let members = || run.iter().map(|contribution| &samples[contribution.sample as usize]);
                 let normal = members().map(|sample| sample.normal * sample.area).sum::<Vec3>();
@@ -269,16 +289,6 @@ impl PatchSet {
             self.patches.push(merged);
         }
     }
-}
-
-/// Chunk, direction, Morton code of the voxel, and what tells patches of one voxel and direction apart.
-type SortKey = ([i32; 3], Direction, u32, u8);
-
-/// One sample's share in one patch.
-struct Contribution {
-    key: SortKey,
-    sample: u32,
-    weight: f32,
 }
 
 fn sort_key(grid: &Grid, voxel: VoxelCoord, direction: Direction, ordinal: u8) -> SortKey {
@@ -299,29 +309,33 @@ pub(crate) fn morton(local: [i32; 3]) -> u32 {
     spread(local[0]) | spread(local[1]) << 1 | spread(local[2]) << 2
 }
 
-/// Open samples where there are any, else all.
+/// Open samples where there are any, else all; and all that emit, where they send light: a hidden part of a lamp does too.
 fn exposed<'r>(
     run: &'r [Contribution],
     samples: &'r [SurfaceSample],
+    emitters: Emitters,
 ) -> impl Iterator<Item = &'r Contribution> + 'r {
-    let is_hidden =
-        |contribution: &Contribution| samples[contribution.sample as usize].exposure == Exposure::Hidden;
+    let is_hidden = move |contribution: &Contribution| {
+        let sample = &samples[contribution.sample as usize];
+        let sends = emitters != Emitters::LeftOut && sample.emission != Rgb::ZERO;
+        sample.exposure == Exposure::Hidden && !sends
+    };
     let all = run.iter().all(is_hidden);
     run.iter().filter(move |contribution| all || !is_hidden(contribution))
 }
 
-fn merge(
-    run: &[Contribution],
+fn merge<'r>(
+    run: impl Iterator<Item = &'r Contribution>,
     samples: &[SurfaceSample],
     voxel: VoxelCoord,
+    key: u64,
     direction: Direction,
-    ordinal: u8,
 ) -> BakePatch {
     let (mut area, mut seen) = (0.0f64, 0.0f64);
     let mut centroid = glam::DVec3::ZERO;
     let (mut reflectance, mut emission) = (glam::DVec3::ZERO, glam::DVec3::ZERO);
-    let mut cumulated = Vec::with_capacity(run.len());
-    for contribution in exposed(run, samples) {
+    let mut cumulated = Vec::new();
+    for contribution in run {
         let sample = &samples[contribution.sample as usize];
         let weight = f64::from(contribution.weight);
         area += weight;
@@ -346,7 +360,7 @@ fn merge(
             point_first: 0,
             point_count: 0,
         },
-        key: key_of(voxel, ordinal),
+        key,
         samples: cumulated,
     }
 }

@@ -7,7 +7,7 @@
 use crate::patches::PatchSet;
 use crate::sample::side_weights;
 use crate::voxel_map::VoxelMap;
-use earthshine_world::{AxisWeights, Vec3, VoxelCoord};
+use earthshine_world::{AxisWeights, Direction, Vec3, VoxelCoord};
 
 /// A place on a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,6 +20,8 @@ pub struct Place {
     pub position: Vec3,
     /// Unit normal of the side.
     pub normal: Vec3,
+    /// Whether light is emitted there.
+    pub emits: bool,
 }
 
 /// Patches and the share of a place that is theirs; [`PatchSet::NONE`] where there is no patch.
@@ -28,10 +30,18 @@ pub type Owners = [(u32, f32); 3];
 /// From places to patches. Only looked up, never iterated.
 #[derive(Debug, Clone)]
 pub(crate) enum Places {
-    /// Patch of each (voxel, direction).
-    Axis { by_voxel: VoxelMap<VoxelCoord, [u32; 6]>, weights: AxisWeights },
+    /// Patches by voxel and direction.
+    Axis(AxisPlaces),
     /// Clusters.
     Clusters(ClusterPlaces),
+}
+
+/// Patch of each (voxel, direction), and that of what emits there where the rest has one of its own.
+#[derive(Debug, Clone)]
+pub(crate) struct AxisPlaces {
+    by_voxel: VoxelMap<VoxelCoord, [u32; 6]>,
+    emitters: VoxelMap<VoxelCoord, [u32; 6]>,
+    weights: AxisWeights,
 }
 
 /// Clusters by piece and by voxel.
@@ -45,7 +55,7 @@ impl Places {
     /// Patches of `voxel` by direction; none where patches are clusters.
     pub(crate) fn of_voxel(&self, voxel: VoxelCoord) -> [u32; 6] {
         match self {
-            Self::Axis { by_voxel, .. } => by_voxel.get(&voxel).copied().unwrap_or([PatchSet::NONE; 6]),
+            Self::Axis(places) => places.of_voxel(voxel),
             Self::Clusters(_) => [PatchSet::NONE; 6],
         }
     }
@@ -53,15 +63,43 @@ impl Places {
     /// Whose `place` is.
     pub(crate) fn owners(&self, place: &Place) -> Owners {
         match self {
-            Self::Axis { weights, .. } => {
-                let patches = self.of_voxel(place.voxel);
-                side_weights(*weights, place.normal)
-                    .map(|(direction, weight)| (patches[direction.index()], weight))
-            }
+            Self::Axis(places) => places.owners(place),
             Self::Clusters(places) => {
                 [(places.owner(place), 1.0), (PatchSet::NONE, 0.0), (PatchSet::NONE, 0.0)]
             }
         }
+    }
+}
+
+impl AxisPlaces {
+    /// No places yet; `weights` is how normals spread over directions.
+    pub(crate) fn new(weights: AxisWeights) -> Self {
+        Self { by_voxel: VoxelMap::default(), emitters: VoxelMap::default(), weights }
+    }
+
+    /// Says that `patch` faces `direction` in `voxel`: what emits there beside what does not, or what else there is.
+    pub(crate) fn add(&mut self, voxel: VoxelCoord, direction: Direction, is_emitter: bool, patch: u32) {
+        let places = if is_emitter { &mut self.emitters } else { &mut self.by_voxel };
+        places.entry(voxel).or_insert([PatchSet::NONE; 6])[direction.index()] = patch;
+    }
+
+    /// The patches of `voxel` by direction, those of what does not emit where there are two.
+    pub(crate) fn of_voxel(&self, voxel: VoxelCoord) -> [u32; 6] {
+        self.by_voxel.get(&voxel).copied().unwrap_or([PatchSet::NONE; 6])
+    }
+
+    /// Those of what emits, where there are two.
+    pub(crate) fn emitters(&self, voxel: VoxelCoord) -> [u32; 6] {
+        self.emitters.get(&voxel).copied().unwrap_or([PatchSet::NONE; 6])
+    }
+
+    fn owners(&self, place: &Place) -> Owners {
+        let patches = self.of_voxel(place.voxel);
+        let emitters = if place.emits { self.emitters(place.voxel) } else { [PatchSet::NONE; 6] };
+        side_weights(self.weights, place.normal).map(|(direction, weight)| {
+            let emitter = emitters[direction.index()];
+            (if emitter == PatchSet::NONE { patches[direction.index()] } else { emitter }, weight)
+        })
     }
 }
 

@@ -25,7 +25,7 @@ use std::collections::BTreeMap;
 pub const TOP_PATCHES_MAX: u64 = 512;
 
 /// Raised when the same finer tiles would give other coarse tiles than before.
-const RECIPE: u32 = 1;
+const RECIPE: u32 = 2;
 
 /// How many levels a world gets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

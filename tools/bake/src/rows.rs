@@ -150,7 +150,8 @@ impl<'a> RowCaster<'a> {
         let normal = self.tracer.tracer().normal(hit);
         let voxel = voxel_of(position, normal, self.parameters.grid.voxel_edge_m);
         self.tracer.note_voxel(voxel);
-        self.set.owners(&Place { side: side_of(hit.triangle, hit.front), voxel, position, normal })
+        let emits = self.tracer.tracer().emits(hit);
+        self.set.owners(&Place { side: side_of(hit.triangle, hit.front), voxel, position, normal, emits })
     }
 }
 

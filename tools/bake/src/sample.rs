@@ -55,7 +55,8 @@ impl SurfaceSample {
     /// Where it lies.
     #[must_use]
     pub fn place(&self) -> Place {
-        Place { side: self.side, voxel: self.voxel, position: self.position, normal: self.normal }
+        let Self { side, voxel, position, normal, emission, .. } = *self;
+        Place { side, voxel, position, normal, emits: emission != Rgb::ZERO }
     }
 }
 

@@ -6,6 +6,7 @@
 //! Methods whose patches or rows need the whole world at once ([`is_streamed`]) keep all of it in memory instead.
 
 use crate::BakeError;
+use crate::apart::{EMITTER_ORDINALS, is_apart};
 use crate::builder::{Builder, Surfaces};
 use crate::cells::{Cells, Seen};
 use crate::content::SceneContent;
@@ -242,9 +243,10 @@ fn encode(points: &Points, patches: &[BakePatch], hidden: &[PieceSample], triang
     out.f32s(points.samples.iter().map(|sample| sample.exposure.word()));
     out.0.extend(points.bases.iter().map(|&basis| basis as u8));
     out.u32(patches.len() as u32);
-    for BakePatch { patch, .. } in patches {
+    for BakePatch { patch, key, .. } in patches {
         out.i32s(patch.voxel.to_array());
-        out.u32(patch.direction as u32);
+        let emitters = if is_apart(*key) { EMITTER_ORDINALS } else { 0 };
+        out.u32(patch.direction as u32 + u32::from(emitters));
         out.f32s([patch.area]);
         for triple in [patch.centroid, patch.reflectance, patch.emission] {
             out.f32s(triple.to_array());
@@ -282,13 +284,16 @@ fn put_exposures(payload: &[u8], points: &mut Points) -> bool {
 
 fn decode_patch(reader: &mut Reader<'_>) -> Option<BakePatch> {
     let voxel = VoxelCoord::from_array(reader.i32s()?);
-    let direction = *Direction::ALL.get(reader.u32()? as usize)?;
+    let ordinal = reader.u32()? as usize;
+    let is_emitter = ordinal >= usize::from(EMITTER_ORDINALS);
+    let direction =
+        *Direction::ALL.get(ordinal - if is_emitter { usize::from(EMITTER_ORDINALS) } else { 0 })?;
     let area = reader.f32()?;
     let mut triple = || reader.f32s().map(Vec3::from_array);
     let (centroid, reflectance, emission) = (triple()?, triple()?, triple()?);
     let patch =
         Patch { voxel, direction, area, centroid, reflectance, emission, point_first: 0, point_count: 0 };
-    Some(BakePatch { patch, key: patch_key(voxel, direction.index()), samples: Vec::new() })
+    Some(BakePatch { patch, key: patch_key(voxel, ordinal), samples: Vec::new() })
 }
 
 fn decode_piece(reader: &mut Reader<'_>, triangles: &[u32]) -> Option<PieceSample> {

@@ -174,7 +174,9 @@ impl WholeWorld {
             cluster_light::fill(&mut volume, &self.chunks, light);
             return Ok(vec![volume]);
         }
-        for (index, patch) in self.patches().enumerate() {
+        let told =
+            self.chunks.iter().flat_map(|chunk| (0..chunk.patches.len()).map(|local| chunk.is_told(local)));
+        for ((index, patch), _) in self.patches().enumerate().zip(told).filter(|&(_, is_told)| is_told) {
             let (all, sky) = (light.irradiance[index], light.sky_irradiance[index]);
             volume.set_patch(patch.voxel, patch.direction.index(), all, sky, u8::MAX);
             let plane = plane::encode(patch.plane_offset(edge));
@@ -233,8 +235,9 @@ impl WholeWorld {
     ) -> anyhow::Result<Vec<(Rgb, Rgb)>> {
         let rows = &chunk.receivers.rows;
         let bases = segment_bases(rows, &self.first)?;
+        let told = chunk.patches.iter().enumerate().filter(|&(local, _)| chunk.is_told(local));
         let own: HashMap<_, &Patch> =
-            chunk.patches.iter().map(|patch| ((patch.voxel, patch.direction), patch)).collect();
+            told.map(|(_, patch)| ((patch.voxel, patch.direction), patch)).collect();
         let viewer = |place: &ReceiverPlace| {
             let own = own.get(&(place.voxel, place.direction))?;
             let per_edge = self.manifest.parameters.detail;

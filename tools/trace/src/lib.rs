@@ -23,7 +23,7 @@ use crate::two_level::TwoLevel;
 use earthshine_light::TreeLayout;
 use earthshine_light::ray_triangle::{Crossing, RayTriangle, ray};
 use earthshine_scene::{Scene, Surface};
-use earthshine_world::Vec3;
+use earthshine_world::{Rgb, Vec3};
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::cwbvh::CwBvh;
@@ -232,6 +232,13 @@ impl<'scene> SceneTracer<'scene> {
     #[must_use]
     pub fn is_back(&self, hit: &Hit) -> bool {
         !hit.front && !self.scene.materials[self.scene.material_of[hit.triangle] as usize].double_sided
+    }
+
+    /// Whether light is emitted at `hit`, to the side that was hit.
+    #[must_use]
+    pub fn emits(&self, hit: &Hit) -> bool {
+        let material = &self.scene.materials[self.scene.material_of[hit.triangle] as usize];
+        material.emitted_radiance != Rgb::ZERO && self.surface(hit).emitted_radiance != Rgb::ZERO
     }
 
     /// Unit geometric normal of the side that was hit.

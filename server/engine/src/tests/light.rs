@@ -62,6 +62,34 @@ fn two_plates_have_their_closed_form() {
     }
 }
 
+/// Goal: what emits beside what does not sends its light, and what arrives at the other is told of the place. Method: the
+/// first plate of two carries a lamp of a tenth of its area, a patch of the same voxel and direction.
+#[test]
+fn of_two_patches_in_one_place_the_one_that_does_not_emit_is_told() {
+    let rho = Rgb::new(0.5, 0.25, 0.0);
+    let plate = |x, direction, area, emission| PatchDraft {
+        voxel: VoxelCoord::new(x, 0, 0),
+        direction,
+        area,
+        reflectance: rho,
+        emission: Rgb::splat(emission),
+        sky_portion: 0.5,
+    };
+    let [wall, lamp] =
+        [(1.0, 0.0), (0.1, 10.0)].map(|(area, emission)| plate(1, Direction::PosX, area, emission));
+    let drafts = [wall, lamp, plate(5, Direction::NegX, 2.0, 0.0)];
+    let links = [(0, 2, SHARE), (1, 2, SHARE)];
+    let world = RandomWorld::from_drafts(&[ChunkCoord::ZERO, ChunkCoord::X], &drafts, &links);
+    let mut harness = Harness::new(world, generous(8), Faults::default()).with_camera(Vec3::ZERO);
+    harness.settle();
+    let (of_wall, of_lamp) = (SHARE / 2.0, SHARE * 0.05);
+    let far = 10.0 * of_lamp / (Rgb::ONE - rho * rho * SHARE * (of_wall + of_lamp));
+    let patches = &harness.frame(ALICE).patches;
+    assert_eq!(patches.len(), 2, "{patches:?}");
+    assert!(close(at(patches, 5).irradiance, far), "{patches:?}, expected {far}");
+    assert!(close(at(patches, 1).irradiance, SHARE * rho * far), "{patches:?}");
+}
+
 /// Goal: what is not resident is dropped and reported, and the sky does not shine through it.
 #[test]
 fn far_light_is_never_the_skys() {

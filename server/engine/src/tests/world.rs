@@ -249,6 +249,7 @@ fn build_receivers(patches: &[Patch], rows: &ChunkRows) -> Receivers {
         }
     }
     places.sort_by_key(|(place, _)| place.order());
+    places.dedup_by_key(|(place, _)| *place);
     let segments = rows.segments.clone();
     let mut copied = ChunkRows { segments, row_starts: vec![0], ..ChunkRows::default() };
     for &(_, local) in &places {

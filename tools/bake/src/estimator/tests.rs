@@ -4,10 +4,10 @@ use super::*;
 use crate::builder::Builder;
 use crate::progress::Silent;
 use crate::test_shapes::{quad, scene_of};
-use earthshine_scene::Scene;
+use earthshine_scene::{Material, Scene};
 use earthshine_tiles::{BakeMethod, BakeParameters, PatchBuilder, RaySpread, SampleSource};
 use earthshine_trace::SceneTracer;
-use earthshine_world::{Direction, Grid, Vec3};
+use earthshine_world::{Direction, Grid, Rgb, Vec3};
 
 fn parameters(method: BakeMethod) -> BakeParameters {
     BakeParameters {
@@ -102,4 +102,56 @@ fn sums_over_points_are_refused_where_they_would_take_hours() {
     let refused = Estimator::new(caster).unwrap_err();
     assert!(matches!(refused, BakeError::TooManyPairs { patches: 2601, .. }), "{refused}");
     assert!(refused.to_string().contains("--points-per-patch"));
+}
+
+/// Goal: what emits in a voxel and direction sends its own light, from where it is. Method: a lamp of 0.1 m a hand above the
+/// middle of a floor, both facing up in one voxel; its share of the ceiling against the double integral of
+/// `cos cos / (pi r^2)` over both.
+#[test]
+fn a_lamp_above_a_floor_is_a_patch_of_its_own() {
+    let low = Vec3::ONE;
+    let floor = quad(low, Vec3::Z, Vec3::X);
+    let lamp = quad(low + Vec3::new(0.45, 0.1, 0.45), Vec3::Z * 0.1, Vec3::X * 0.1);
+    let ceiling = quad(low + Vec3::Y, Vec3::X, Vec3::Z);
+    let mut scene = scene_of([floor, lamp, ceiling].concat());
+    let glow = Material { emitted_radiance: Rgb::splat(100.0), ..scene.materials[0].clone() };
+    scene.materials.push(glow);
+    scene.material_of[2..4].fill(1);
+    let (tracer, parameters) = (SceneTracer::new(&scene), parameters(BakeMethod::default()));
+    let surfaces = Builder { tracer: &tracer, parameters: &parameters }.surfaces(&Silent);
+    let set = &surfaces.set;
+    let areas: Vec<f32> = set.patches.iter().map(|source| source.patch.area).collect();
+    assert_eq!(set.len(), 3, "{areas:?}");
+    // Patches are ordered by direction; what emits comes after what does not.
+    let [floor, lamp, ceiling] = [0, 1, 2];
+    assert!((areas[0] - 1.0).abs() < 1e-3 && (areas[1] - 0.01).abs() < 1e-5, "{areas:?}");
+    assert_eq!([floor, lamp].map(|of| emits(set, of as usize)), [false, true]);
+    let grid = &parameters.grid;
+    for index in [floor, lamp, ceiling] {
+        let id = set.stable_id(index, grid);
+        let chunk = grid.chunk_of(set.patches[index as usize].patch.voxel).to_array();
+        assert_eq!(set.by_stable_id(chunk, id, grid), Some(index));
+    }
+    let middle = |i: i32, steps: i32| (f64::from(i) + 0.5) / f64::from(steps);
+    let mut expected = 0.0;
+    for i in 0..8 * 8 {
+        let (x, z) = (0.45 + 0.1 * middle(i % 8, 8), 0.45 + 0.1 * middle(i / 8, 8));
+        for j in 0..128 * 128 {
+            let (across, along) = (middle(j % 128, 128) - x, middle(j / 128, 128) - z);
+            let squared = across * across + along * along + 0.81;
+            expected += 0.81 / (std::f64::consts::PI * squared * squared) / (64.0 * 16_384.0);
+        }
+    }
+    let caster = RowCaster::of_world(&tracer, &surfaces, &parameters);
+    let estimator = Estimator::new(caster).unwrap();
+    let share = |from: u32, to: u32| {
+        let row = estimator.row(from);
+        row.entries.iter().find(|entry| entry.0 == to).map_or(0.0, |entry| f64::from(entry.1))
+    };
+    let found = share(lamp, ceiling);
+    assert!((found - expected).abs() < 0.002, "{found}, not {expected}");
+    // As the ceiling's own rays find it: a hundredth as likely.
+    let back = share(ceiling, lamp);
+    assert!((back - expected * 0.01).abs() < 0.001, "{back}, not {}", expected * 0.01);
+    assert!(share(ceiling, floor) > 0.18, "the floor is there all the same");
 }

@@ -3,7 +3,8 @@
 //! Per coarse patch against its children, each sum weighted by area: area; reflectance and emission; sky by lobe,
 //! absorbed, and what leads to patches. It reads chunks and knows nothing of how they were merged.
 
-use earthshine_world::{Chunk, ChunkId, Direction, Grid, PatchId, VoxelCoord};
+use earthshine_world::lineage::CoarsePlaces;
+use earthshine_world::{Chunk, ChunkId, PatchId};
 use std::collections::BTreeMap;
 
 /// Relative difference that two roundings to the stored precision may leave.
@@ -57,24 +58,25 @@ pub fn check_energy(chunks: &BTreeMap<ChunkId, Chunk>) -> Vec<EnergyFault> {
     };
     let mut faults = Vec::new();
     for &level in levels.iter().filter(|&&level| level > 0) {
-        let mut expected: BTreeMap<(ChunkId, [i32; 3], Direction), Sums> = BTreeMap::new();
+        // Of parents that are missing, by a number that none has.
+        let mut expected: BTreeMap<(ChunkId, u32), Sums> = BTreeMap::new();
         for chunk in chunks.values().filter(|chunk| chunk.id.level == level - 1) {
+            let parent = chunks.get(&chunk.id.parent());
+            let places = CoarsePlaces::new(parent.iter().flat_map(|parent| &parent.patches));
             for (local, patch) in chunk.patches.iter().enumerate() {
-                let voxel: VoxelCoord = Grid::parent_voxel(patch.voxel);
-                let key = (chunk.id.parent(), voxel.to_array(), patch.direction);
+                let key = (chunk.id.parent(), places.parent(patch).unwrap_or(u32::MAX));
                 let sums = expected.entry(key).or_insert([0.0; 15]);
                 sums.iter_mut().zip(sums_of(chunk, local)).for_each(|(sum, own)| *sum += own);
             }
         }
         for chunk in chunks.values().filter(|chunk| chunk.id.level == level) {
-            for (local, patch) in chunk.patches.iter().enumerate() {
-                let key = (chunk.id, patch.voxel.to_array(), patch.direction);
-                let expected = expected.remove(&key).unwrap_or([0.0; 15]);
+            for local in 0..chunk.patches.len() {
+                let expected = expected.remove(&(chunk.id, local as u32)).unwrap_or([0.0; 15]);
                 let id = PatchId { chunk: chunk.id, local: local as u16 };
                 faults.extend(difference(id, &sums_of(chunk, local), &expected));
             }
         }
-        for ((chunk, ..), sums) in expected {
+        for ((chunk, _), sums) in expected {
             let patch = PatchId { chunk, local: u16::MAX };
             faults.push(EnergyFault {
                 patch,

@@ -1,6 +1,7 @@
 //! Which patches of one level make which patch of the next, and what number that has in its chunk.
 //!
-//! Coarse patches are ordered as fine ones are: by chunk, then direction, then Morton code.
+//! Coarse patches are ordered as fine ones are: by chunk, then direction, then Morton code. What emits is a patch of its own
+//! on every level, and comes second: far light of a flame is not that of the wall behind it.
 
 use crate::patches::morton;
 use earthshine_world::{ChunkId, Direction, Grid, Patch, VoxelCoord};
@@ -36,14 +37,14 @@ impl Numbering {
     /// Numbers the level above `finer`, whose chunks have `chunk_edge_voxels` along an edge.
     pub(super) fn new(finer: &BTreeMap<ChunkId, Vec<Patch>>, chunk_edge_voxels: u32) -> Self {
         let mut places: BTreeMap<ChunkId, Vec<Place>> = BTreeMap::new();
-        let mut keyed: BTreeMap<ChunkId, BTreeMap<(Direction, u32), Place>> = BTreeMap::new();
+        let mut keyed: BTreeMap<ChunkId, BTreeMap<(Direction, u32, bool), Place>> = BTreeMap::new();
         for (&chunk, patches) in finer {
             let corner = chunk.parent().coord * chunk_edge_voxels.cast_signed();
             let parent = keyed.entry(chunk.parent()).or_default();
             for (local, patch) in patches.iter().enumerate() {
                 let voxel = Grid::parent_voxel(patch.voxel);
                 let (direction, code) = (patch.direction, morton((voxel - corner).to_array()));
-                let place = parent.entry((direction, code)).or_insert_with(|| Place {
+                let place = parent.entry((direction, code, patch.emits())).or_insert_with(|| Place {
                     voxel,
                     direction,
                     children: Vec::new(),

@@ -15,9 +15,9 @@ use earthshine_bake::Levels;
 use earthshine_gen::GenOptions;
 use earthshine_radiosity::far_light::{ResidentSet, mean_over_children};
 use earthshine_radiosity::gather::Sources;
-use earthshine_world::{Grid, LightRig, Rgb, Vec3};
+use earthshine_world::lineage::CoarsePlaces;
+use earthshine_world::{LightRig, Patch, Rgb, Vec3};
 use serde::Serialize;
-use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -291,16 +291,9 @@ fn measured(resident: usize) -> usize {
 
 /// Index on `coarser` of the parent of every patch of `finer`.
 fn parents(finer: &WholeWorld, coarser: &WholeWorld) -> anyhow::Result<Vec<u32>> {
-    let places: HashMap<_, u32> =
-        coarser.patches().map(|patch| (patch.voxel, patch.direction)).zip(0u32..).collect();
-    finer
-        .patches()
-        .map(|patch| {
-            let place = (Grid::parent_voxel(patch.voxel), patch.direction);
-            places
-                .get(&place)
-                .copied()
-                .with_context(|| format!("a patch at {} has no parent", patch.centroid))
-        })
-        .collect()
+    let places = CoarsePlaces::new(coarser.patches());
+    let parent = |patch: &Patch| {
+        places.parent(patch).with_context(|| format!("a patch at {} has no parent", patch.centroid))
+    };
+    finer.patches().map(parent).collect()
 }

@@ -59,6 +59,9 @@ pub(crate) struct Explained {
     pub evidence: Evidence,
 }
 
+/// Below so much light, lx, what is read with a weight too small to be told may be all there is.
+const SUMMED_LX_MIN: f64 = 1e-2;
+
 /// What the causes rest on.
 #[derive(Debug, Clone, Copy, Default, serde::Serialize)]
 pub(crate) struct Evidence {
@@ -217,7 +220,7 @@ impl<'a> Explainer<'a> {
         };
         let summed: f64 = reads.iter().map(|read| f64::from(read.weight) * solved(read)).sum();
         ensure!(
-            (summed - served).abs() <= 1e-3 * served.abs().max(1e-6),
+            (summed - served).abs() <= 1e-3 * served.abs().max(SUMMED_LX_MIN),
             "point {index}: the lookup answers {served} lx where its patches give {summed} lx; the causes of errors \
              are only known for a lookup that is a weighted mean of patches within two voxels"
         );

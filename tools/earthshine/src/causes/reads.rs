@@ -10,7 +10,7 @@ use glam::IVec3;
 /// Voxels around a point that are asked, along each axis.
 const REACH_VOXELS: i32 = 2;
 /// Weights below this are nothing.
-const WEIGHT_MIN: f32 = 1e-5;
+const WEIGHT_MIN: f32 = 1e-7;
 
 /// One patch (or receiver) that a lookup reads.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -53,6 +53,8 @@ pub(crate) struct SceneLight<'a> {
     patches: Vec<LitPatch<'a>>,
     /// Only looked up, never iterated.
     by_voxel: HashMap<VoxelCoord, [Option<u32>; 6]>,
+    /// Patches of what emits beside what does not.
+    emitters: HashMap<VoxelCoord, [Option<u32>; 6]>,
 }
 
 impl<'a> SceneLight<'a> {
@@ -64,12 +66,13 @@ impl<'a> SceneLight<'a> {
         rig: &'a LightRig,
     ) -> Self {
         let mut patches = Vec::with_capacity(light.irradiance.len());
-        let mut by_voxel: HashMap<VoxelCoord, [Option<u32>; 6]> = HashMap::new();
+        let (mut by_voxel, mut emitters) = (HashMap::<VoxelCoord, [Option<u32>; 6]>::new(), HashMap::new());
         for chunk in world.chunks() {
-            for patch in &chunk.patches {
+            for (local, patch) in chunk.patches.iter().enumerate() {
                 let index = patches.len();
                 let emission = patch.emission * rig.emission_scale;
-                by_voxel.entry(patch.voxel).or_default()[patch.direction.index()] = Some(index as u32);
+                let places = if chunk.is_told(local) { &mut by_voxel } else { &mut emitters };
+                places.entry(patch.voxel).or_default()[patch.direction.index()] = Some(index as u32);
                 patches.push(LitPatch {
                     patch,
                     points: chunk.points_of(patch),
@@ -79,7 +82,7 @@ impl<'a> SceneLight<'a> {
                 });
             }
         }
-        Self { tracer, rig, parameters: world.manifest.parameters, patches, by_voxel }
+        Self { tracer, rig, parameters: world.manifest.parameters, patches, by_voxel, emitters }
     }
 
     /// m.
@@ -93,6 +96,13 @@ impl<'a> SceneLight<'a> {
         self.patches.get(index as usize)
     }
 
+    /// The patch on side `direction` of `voxel` that stands for what emits there, or else for what does not.
+    fn patch_of(&self, voxel: VoxelCoord, direction: usize, emits: bool) -> Option<&LitPatch<'a>> {
+        let emitter =
+            if emits { self.emitters.get(&voxel).and_then(|patches| patches[direction]) } else { None };
+        emitter.and_then(|index| self.patches.get(index as usize)).or_else(|| self.patch(voxel, direction))
+    }
+
     /// What the patches that stand for `vertex` send out.
     pub(crate) fn at(&self, vertex: &Vertex) -> PlaceLight {
         let mut found = PlaceLight::default();
@@ -101,8 +111,10 @@ impl<'a> SceneLight<'a> {
             if weight <= 0.0 {
                 continue;
             }
-            let Some(lit) = self.patch(voxel, direction.index()) else { continue };
-            if self.outshines(lit.patch, vertex) {
+            let emits = vertex.emitted_radiance != Rgb::ZERO;
+            let Some(lit) = self.patch_of(voxel, direction.index(), emits) else { continue };
+            let brightest = self.patch_of(voxel, direction.index(), true).unwrap_or(lit);
+            if self.outshines(brightest.patch, vertex) {
                 return PlaceLight::default();
             }
             found.emission += lit.emission * weight;

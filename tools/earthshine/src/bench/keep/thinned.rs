@@ -23,14 +23,17 @@ pub(super) struct Parents {
     children: Vec<Vec<(u32, f32)>>,
 }
 
+/// A parent's chunk, direction, Morton code, and whether it is of what emits: in the order of coarse patches.
+type ParentPlace = (ChunkId, usize, u64, bool);
+
 impl Parents {
     pub(super) fn of(world: &WholeWorld) -> Self {
-        let mut keyed: BTreeMap<(ChunkId, usize, u64), Vec<(u32, f32)>> = BTreeMap::new();
+        let mut keyed: BTreeMap<ParentPlace, Vec<(u32, f32)>> = BTreeMap::new();
         let mut own_places = Vec::new();
         for chunk in world.chunks() {
             for (own, local) in chunk.patches.iter().zip(0u16..) {
                 let voxel = Grid::parent_voxel(own.voxel).to_array();
-                let key = (chunk.id.parent(), own.direction.index(), morton(voxel));
+                let key = (chunk.id.parent(), own.direction.index(), morton(voxel), own.emits());
                 keyed.entry(key).or_default().push((own_places.len() as u32, own.area));
                 own_places.push((chunk.id, local));
             }
