@@ -25,6 +25,7 @@
 pub mod adaptive;
 mod balance;
 pub mod builder;
+pub mod buried;
 pub mod cells;
 mod changes;
 pub mod clip;
