@@ -327,7 +327,7 @@ gpu_structs! {
         spare: u32,
     }
 
-    /// A slot of the table of voxels with patches or places left out; an empty one ends a search.
+    /// A slot of the table of voxels with patches, places left out, or buried sides; an empty one ends a search.
     EndVoxel {
         /// Which.
         voxel: [i32; 3],
@@ -339,8 +339,9 @@ gpu_structs! {
         has_left_out: u32,
         /// Patches that face the other way.
         against: [u32; 3],
-        /// Of no meaning.
-        spare_against: u32,
+        /// Of sides that are buried in places, by the direction that they face most: a bit for those that are here, and
+        /// [`BURIED_OPEN`](crate::limits::BURIED_OPEN) bits up one for those that are not.
+        buried: u32,
     }
 
     /// Rays side by side whose ends are added up.

@@ -66,6 +66,14 @@ pub const SIDE_FOR_HOST: u32 = 1;
 pub const SIDE_LEFT_OUT: u32 = 2;
 /// Of a side: it has no back.
 pub const SIDE_TWO_SIDED: u32 = 4;
+/// Of a side: its front lies inside of something.
+pub const SIDE_FRONT_BURIED: u32 = 8;
+/// Of a side: its back does.
+pub const SIDE_BACK_BURIED: u32 = 16;
+/// From [`SIDE_FRONT_BURIED`] and [`SIDE_BACK_BURIED`] to the flags of sides that are buried in some voxels: bits up.
+pub const BURIED_IN_PLACES: u32 = 2;
+/// From the bits by direction of a voxel's buried sides to those of its open ones: bits up.
+pub const BURIED_OPEN: u32 = 8;
 /// A run that adds up all of its rays; less than this names a direction whose way they have to go.
 pub const SUM_WHOLE: u32 = 6;
 /// A run that adds up what ends on sides without patches.
@@ -105,6 +113,10 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("SIDE_FOR_HOST", SIDE_FOR_HOST),
     ("SIDE_LEFT_OUT", SIDE_LEFT_OUT),
     ("SIDE_TWO_SIDED", SIDE_TWO_SIDED),
+    ("SIDE_FRONT_BURIED", SIDE_FRONT_BURIED),
+    ("SIDE_BACK_BURIED", SIDE_BACK_BURIED),
+    ("BURIED_IN_PLACES", BURIED_IN_PLACES),
+    ("BURIED_OPEN", BURIED_OPEN),
     ("SUM_WHOLE", SUM_WHOLE),
     ("SUM_ABSORBED", SUM_ABSORBED),
 ];

@@ -19,8 +19,9 @@ use wgpu::Buffer;
 
 pub use earthshine_shaders::host::{EndPart, EndRun, EndSide, RayFan};
 pub use earthshine_shaders::limits::{
-    KEY_ABSORBED, KEY_SKY, KEY_UNKNOWN, NO_KEY, RAY_PARTS, RUN_RAYS, SIDE_FOR_HOST, SIDE_LEFT_OUT,
-    SIDE_TWO_SIDED, SUM_ABSORBED, SUM_WHOLE,
+    BURIED_IN_PLACES, BURIED_OPEN, KEY_ABSORBED, KEY_SKY, KEY_UNKNOWN, NO_KEY, RAY_PARTS, RUN_RAYS,
+    SIDE_BACK_BURIED, SIDE_FOR_HOST, SIDE_FRONT_BURIED, SIDE_LEFT_OUT, SIDE_TWO_SIDED, SUM_ABSORBED,
+    SUM_WHOLE,
 };
 
 /// Parts that one dispatch has room for: 32 MiB.
@@ -43,7 +44,7 @@ pub struct EndMap<'a> {
     pub off_surface_m: f32,
 }
 
-/// A voxel with patches or places left out.
+/// A voxel with patches, places left out, or buried sides.
 #[derive(Debug, Clone, Copy)]
 pub struct MapVoxel {
     /// Which.
@@ -52,6 +53,8 @@ pub struct MapVoxel {
     pub patches: [u32; 6],
     /// Whether rays that meet sides with [`SIDE_LEFT_OUT`] there are the host's.
     pub has_left_out: bool,
+    /// See [`EndVoxel::buried`].
+    pub buried: u32,
 }
 
 /// The rays of a question.
@@ -363,7 +366,7 @@ impl AskedRays<'_> {
 fn voxel_table(voxels: &[MapVoxel]) -> Vec<EndVoxel> {
     let mut table = vec![EndVoxel::zeroed(); (2 * voxels.len()).next_power_of_two().max(2)];
     let last = table.len() - 1;
-    for &MapVoxel { voxel, patches, has_left_out } in voxels {
+    for &MapVoxel { voxel, patches, has_left_out, buried } in voxels {
         let [x, y, z] = voxel.map(i32::cast_unsigned);
         let mut slot = mix(x.wrapping_add(mix(y.wrapping_add(mix(z))))) as usize & last;
         while table[slot].is_taken != 0 {
@@ -371,7 +374,7 @@ fn voxel_table(voxels: &[MapVoxel]) -> Vec<EndVoxel> {
         }
         let [along, against] = [0, 1].map(|side| [0, 2, 4].map(|axis| patches[axis + side]));
         let has_left_out = u32::from(has_left_out);
-        table[slot] = EndVoxel { voxel, is_taken: 1, along, has_left_out, against, spare_against: 0 };
+        table[slot] = EndVoxel { voxel, is_taken: 1, along, has_left_out, against, buried };
     }
     table
 }

@@ -41,6 +41,12 @@ const NO_KEY: u32 = 0xFFFFFFFFu;
 const SIDE_FOR_HOST: u32 = 1u;
 const SIDE_LEFT_OUT: u32 = 2u;
 const SIDE_TWO_SIDED: u32 = 4u;
+// Of a side: its front, or its back, lies inside of something. BURIED_IN_PLACES bits up: that is so in some voxels.
+const SIDE_FRONT_BURIED: u32 = 8u;
+const SIDE_BACK_BURIED: u32 = 16u;
+const BURIED_IN_PLACES: u32 = 2u;
+// From the bits by direction of a voxel's buried sides to those of its open ones: bits up.
+const BURIED_OPEN: u32 = 8u;
 // What a run adds up, other than the rays that go one direction's way.
 const SUM_WHOLE: u32 = 6u;
 const SUM_ABSORBED: u32 = 7u;

@@ -2,14 +2,14 @@
 // One workgroup a run; integers only, so that the sums do not hang on the order.
 // CPU twin: `trace::ends::count_ends`.
 
-// A slot of the table of voxels with patches or places left out; an empty one ends a search.
+// A slot of the table of voxels with patches, places left out, or buried sides; an empty one ends a search.
 struct EndVoxel {
     voxel: vec3<i32>,        //  0
     is_taken: u32,           // 12
     along: vec3<u32>,        // 16  patches that face along each axis, or NO_KEY
     has_left_out: u32,       // 28  1 where its patches left out places of sides with SIDE_LEFT_OUT
     against: vec3<u32>,      // 32  patches that face the other way
-    spare_against: u32,      // 44
+    buried: u32,             // 44  bits by direction: of sides that are buried here, and of those open here but not elsewhere
 }                            // 48
 
 struct EndRun {
@@ -73,15 +73,46 @@ fn voxel_slot(voxel: vec3<i32>) -> u32 {
     return slot;
 }
 
+// The bit of the direction that a side with `normal` faces most.
+fn main_direction(normal: vec3<f32>) -> u32 {
+    let length = abs(normal);
+    var axis = select(0u, 1u, length.y > length.x);
+    axis = select(axis, 2u, length.z > length[axis]);
+    return 1u << (2u * axis + select(0u, 1u, normal[axis] < 0.0));
+}
+
+const BURIED_NO: u32 = 0u;
+const BURIED_YES: u32 = 1u;
+const BURIED_UNKNOWN: u32 = 2u;
+
+// Whether who meets that side in a voxel with `buried` is absorbed.
+fn is_buried(side: EndSide, is_forward: bool, normal: vec3<f32>, buried: u32) -> u32 {
+    let everywhere = select(SIDE_BACK_BURIED, SIDE_FRONT_BURIED, is_forward);
+    if has_flag(side, everywhere) {
+        return BURIED_YES;
+    }
+    let bit = main_direction(normal);
+    if !has_flag(side, everywhere << BURIED_IN_PLACES) || (buried & bit) == 0u {
+        return BURIED_NO;
+    }
+    return select(BURIED_YES, BURIED_UNKNOWN, (buried & (bit << BURIED_OPEN)) != 0u);
+}
+
 // Whether it is known here who takes the ray.
 fn add_surface(side: EndSide, query: RayQuery, distance: f32, weight: f32, sum: u32) -> bool {
-    let normal = select(-side.normal, side.normal, is_front(side, query.direction));
+    let is_forward = is_front(side, query.direction);
+    let normal = select(-side.normal, side.normal, is_forward);
     let position = query.origin + query.direction * distance;
     let before = position + normal * pass_of.off_surface_m;
     let slot = voxel_slot(vec3<i32>(floor(before / pass_of.voxel_edge_m)));
+    let buried = is_buried(side, is_forward, normal, voxels[slot].buried);
     let is_left_out = has_flag(side, SIDE_LEFT_OUT) && voxels[slot].has_left_out != 0u;
-    if has_flag(side, SIDE_FOR_HOST) || is_left_out {
+    if has_flag(side, SIDE_FOR_HOST) || buried == BURIED_UNKNOWN || (is_left_out && buried != BURIED_YES) {
         return false;
+    }
+    if buried == BURIED_YES {
+        add_part(KEY_ABSORBED, u32(f32(RAY_PARTS) * weight + 0.5));
+        return true;
     }
     let facing = select(voxels[slot].along, voxels[slot].against, normal < vec3<f32>(0.0));
     let owners = select(vec3<u32>(NO_KEY), facing, voxels[slot].is_taken != 0u);

@@ -3,7 +3,9 @@
 //! A bake's [`BakeMethod`](earthshine_tiles::BakeMethod) names one of each, and any goes with any. Between the two
 //! stands [`exposure`](crate::exposure), which is the same for all. Start at [`Builder::surfaces`].
 
+use crate::buried::{BuriedPiece, buried_pieces};
 use crate::clusters::clusters_of;
+use crate::content::has_emitters;
 use crate::exposure::{Exposure, ExposureTest};
 use crate::eye::Eye;
 use crate::hammersley::sample_voxels;
@@ -72,18 +74,18 @@ impl Builder<'_> {
         }
         progress.begin(Stage::Exposure, samples.len() as u64);
         let cast = AtomicU64::new(0);
-        let exposures: Vec<Exposure> = samples
+        let exposures: Vec<(Exposure, bool)> = samples
             .par_chunks(BATCH)
             .flat_map_iter(|run| {
                 let test = self.exposure_test(self.tracer.into());
-                let found: Vec<Exposure> = run.iter().map(|sample| test.of(sample)).collect();
+                let found: Vec<(Exposure, bool)> = run.iter().map(|sample| test.told(sample)).collect();
                 cast.fetch_add(test.cast.get(), Ordering::Relaxed);
                 progress.advance(run.len() as u64);
                 found
             })
             .collect();
-        for (sample, exposure) in samples.iter_mut().zip(exposures) {
-            sample.exposure = exposure;
+        for (sample, told) in samples.iter_mut().zip(exposures) {
+            (sample.exposure, sample.is_suspect) = told;
         }
         cast.into_inner()
     }
@@ -103,13 +105,22 @@ impl Builder<'_> {
     /// The second side: makes patches of samples.
     #[must_use]
     pub fn patches(&self, samples: &[SurfaceSample]) -> PatchSet {
-        match self.parameters.method.builder {
+        let set = match self.parameters.method.builder {
             PatchBuilder::Axis => PatchSet::group(samples, self.parameters),
             PatchBuilder::Clustered => {
                 let clusters = clusters_of(self.tracer, samples, self.parameters);
                 PatchSet::of_clusters(samples, &clusters, self.parameters)
             }
+        };
+        set.with_buried(self.buried_pieces(samples))
+    }
+
+    /// The pieces of `samples` whose hits are absorbed.
+    pub(crate) fn buried_pieces(&self, samples: &[SurfaceSample]) -> Vec<BuriedPiece> {
+        if has_emitters(self.tracer.scene()) {
+            return Vec::new();
         }
+        buried_pieces(samples, self.parameters.weights)
     }
 }
 

@@ -13,8 +13,13 @@ pub struct SceneContent<'a> {
     /// By material: what rays notice of it, and whether its texture coordinates matter.
     traced: Vec<(u64, bool)>,
     looks: Vec<u64>,
-    /// Of all lamps.
+    /// Of all lamps, and whether anything emits.
     pub lamps: u64,
+}
+
+/// Whether any material emits.
+pub(crate) fn has_emitters(scene: &Scene) -> bool {
+    scene.materials.iter().any(|material| material.emitted_radiance.max_element() > 0.0)
 }
 
 impl<'a> SceneContent<'a> {
@@ -44,7 +49,7 @@ impl<'a> SceneContent<'a> {
             xxh3_64(format!("{colours:?} {maps:?} {}", material.double_sided).as_bytes())
         };
         let looks = scene.materials.iter().map(look).collect();
-        let lamps = xxh3_64(format!("{:?}", scene.lights).as_bytes());
+        let lamps = xxh3_64(format!("{:?} {}", scene.lights, has_emitters(scene)).as_bytes());
         Self { scene, traced, looks, lamps }
     }
 

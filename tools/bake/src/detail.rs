@@ -8,6 +8,7 @@
 //! Few rays find a lamp by chance. So patches that emit cast theirs towards detail voxels too (`emitted`), and
 //! both estimates are averaged by what they vary (`with_emitters`), layer by layer. Long rows are thinned as those in the air are.
 
+use crate::content::has_emitters;
 use crate::counted_rows::{RayPlan, RowInquiry};
 use crate::detail_exposure;
 use crate::emitted::{FromEmitter, piece_of};
@@ -114,6 +115,10 @@ impl<'a> DetailBake<'a> {
         let mut samples: Vec<SurfaceSample> =
             self.caster.samples.iter().filter(is_own).map(in_detail).collect();
         detail_exposure::expose(&mut samples, &self.caster);
+        // As what is buried absorbs: where paths cannot be trusted, nothing hangs on them.
+        if !has_emitters(self.caster.tracer.scene()) {
+            detail_exposure::reach(&mut samples, || self.caster.samples.iter().filter(is_own));
+        }
         let of_detail = parameters.of_detail_voxels();
         let found = PatchSet::of_layers(&samples, &layers_of(&samples, &of_detail), &of_detail);
         // Layers of one detail voxel and direction lie side by side.

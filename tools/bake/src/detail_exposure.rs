@@ -4,7 +4,11 @@
 //! share in the light of what they do see ([`crate::exposure`]). Detail is read where it lies, by voxels of half an edge and
 //! less. What is near for a voxel of four metres, the foot of a wall beside a parked car, is a place of its own there. So
 //! what is hidden is asked again, with what is near for its detail voxel.
+//!
+//! And few paths find the light that comes into a dark cavity. Where one point of a piece found some, the others are hidden
+//! there, not buried ([`crate::buried`]): whoever looks at them reads their own light, and not that of the voxel's patch.
 
+use crate::buried::reached;
 use crate::exposure::{Exposure, ExposureTest};
 use crate::rows::{RAY_OFFSET, RowCaster};
 use crate::sample::SurfaceSample;
@@ -32,6 +36,20 @@ pub(crate) fn expose(samples: &mut [SurfaceSample], caster: &RowCaster<'_>) {
             sample.exposure = test.of(sample);
         }
     });
+}
+
+/// Says that those of `samples` are hidden that are buried in a piece that light comes to; `in_voxels` are the same points,
+/// with their voxels.
+pub(crate) fn reach<'s, I: Iterator<Item = &'s SurfaceSample>>(
+    samples: &mut [SurfaceSample],
+    in_voxels: impl Fn() -> I,
+) {
+    let reached = reached(in_voxels());
+    for (sample, of) in samples.iter_mut().zip(in_voxels()) {
+        if sample.exposure == Exposure::Buried && reached.contains_key(&(of.side, of.voxel)) {
+            sample.exposure = Exposure::Hidden;
+        }
+    }
 }
 
 #[cfg(test)]
@@ -73,6 +91,7 @@ mod tests {
             reflectance: Rgb::ONE,
             emission: Rgb::ZERO,
             exposure: Exposure::Hidden,
+            is_suspect: false,
         };
         let mut samples = [sample(1.0), sample(3.0)];
         expose(&mut samples, &caster);
@@ -83,5 +102,27 @@ mod tests {
     fn a_gap_is_hidden_by_the_size_of_the_voxel_that_is_read() {
         assert_eq!(exposures(1), [Exposure::Hidden; 2], "voxels of 4 m");
         assert_eq!(exposures(4), [Exposure::Open(1.0), Exposure::Hidden], "detail voxels of 1 m");
+    }
+
+    #[test]
+    fn what_shares_a_piece_with_light_is_hidden_and_not_buried() {
+        let point = |side: u32, exposure: Exposure| SurfaceSample {
+            position: Vec3::ZERO,
+            normal: Vec3::Y,
+            side,
+            voxel: VoxelCoord::ZERO,
+            area: 1.0,
+            reflectance: Rgb::ONE,
+            emission: Rgb::ZERO,
+            exposure,
+            is_suspect: true,
+        };
+        let (open, buried) = (Exposure::Open(0.5), Exposure::Buried);
+        let in_voxels = [point(1, buried), point(1, open), point(3, buried), point(5, open)];
+        // Detail voxels of their own do not part them.
+        let mut samples = in_voxels;
+        samples[0].voxel = VoxelCoord::X;
+        reach(&mut samples, || in_voxels.iter());
+        assert_eq!(samples.map(|sample| sample.exposure), [Exposure::Hidden, open, buried, open]);
     }
 }

@@ -116,6 +116,11 @@ impl ExposureTest<'_> {
     /// How exposed `sample` is.
     #[must_use]
     pub fn of(&self, sample: &SurfaceSample) -> Exposure {
+        self.told(sample).0
+    }
+
+    /// The same, and whether it looked buried.
+    pub(crate) fn told(&self, sample: &SurfaceSample) -> (Exposure, bool) {
         let fan = self.fan(sample);
         let (mut back, mut near) = (0, 0);
         let is_lit = OnceCell::new();
@@ -129,16 +134,16 @@ impl ExposureTest<'_> {
             }
             if index + 1 == FIRST_RAYS {
                 match Verdict::of_first(back, near) {
-                    Verdict::Clear(exposure) => return exposure,
-                    Verdict::Suspect if !is_lit() => return Exposure::Buried,
+                    Verdict::Clear(exposure) => return (exposure, false),
+                    Verdict::Suspect if !is_lit() => return (Exposure::Buried, true),
                     Verdict::Suspect | Verdict::Unclear => {}
                 }
             }
         }
         match Verdict::of_all(back, near, self.rays) {
-            Verdict::Clear(exposure) => exposure,
-            _ if is_lit() => unburied(near, self.rays),
-            _ => Exposure::Buried,
+            Verdict::Clear(exposure) => (exposure, false),
+            _ if is_lit() => (unburied(near, self.rays), true),
+            _ => (Exposure::Buried, true),
         }
     }
 

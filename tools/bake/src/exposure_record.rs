@@ -79,7 +79,14 @@ impl Points {
             }
             cast.fetch_add(test.cast.get(), Ordering::Relaxed);
         });
+        self.note_suspects();
         cast.into_inner()
+    }
+
+    /// Paths are followed from points that look buried, and from no others.
+    pub(crate) fn note_suspects(&mut self) {
+        let points = self.samples.iter_mut().zip(&self.bases);
+        points.for_each(|(sample, basis)| sample.is_suspect = *basis == Basis::Paths);
     }
 
     /// Of each point, whether it may be exposed otherwise than before `changes`. `paths_changed` says so of all that rest

@@ -150,6 +150,7 @@ fn sample_at(
         reflectance: surface.reflectance,
         emission: surface.emitted_radiance * std::f32::consts::PI,
         exposure: Exposure::Open(1.0),
+        is_suspect: false,
     })
 }
 

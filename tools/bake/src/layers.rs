@@ -169,6 +169,7 @@ mod tests {
                 reflectance: Rgb::ONE,
                 emission: Rgb::ZERO,
                 exposure: Exposure::Open(1.0),
+                is_suspect: false,
             })
             .collect()
     }

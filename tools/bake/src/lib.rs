@@ -26,6 +26,7 @@ pub mod adaptive;
 mod apart;
 mod balance;
 pub mod builder;
+pub mod buried;
 pub mod cells;
 mod changes;
 pub mod clip;

@@ -1,6 +1,7 @@
 //! Samples to patches: what faces one direction in one voxel, or what one cluster holds.
 
 use crate::apart::{CHUNK_EDGE_MAX, Contribution, Emitters, SortKey, is_apart, is_apart_ordinal, part};
+use crate::buried::{BuriedPiece, BuriedPieces};
 use crate::clusters::ClusterOf;
 use crate::exposure::Exposure;
 use crate::hidden::{HiddenPlaces, PieceSample};
@@ -40,6 +41,7 @@ pub struct PatchSet {
     pub chunks: BTreeMap<[i32; 3], std::ops::Range<u32>>,
     places: Places,
     hidden: HiddenPlaces,
+    buried: BuriedPieces,
 }
 
 impl PatchSet {
@@ -54,10 +56,11 @@ impl PatchSet {
     }
 
     /// Whose `place` is, with the share of each; [`Self::NONE`] where there is no patch. `None` for a place that its
-    /// voxel's patches left out.
+    /// voxel's patches left out, and on a buried piece.
     #[must_use]
     pub fn owners(&self, place: &Place) -> Option<Owners> {
-        if self.hidden.contains(place.side, place.voxel, place.position) {
+        let is_buried = self.buried.contains(place.side, place.voxel);
+        if is_buried || self.hidden.contains(place.side, place.voxel, place.position) {
             return None;
         }
         Some(self.places.owners(place))
@@ -67,6 +70,18 @@ impl PatchSet {
     #[must_use]
     pub fn hidden(&self) -> &HiddenPlaces {
         &self.hidden
+    }
+
+    /// Where hits find no patch because nobody is there.
+    #[must_use]
+    pub fn buried(&self) -> &BuriedPieces {
+        &self.buried
+    }
+
+    /// The same patches, whose hits on `pieces` are absorbed.
+    #[must_use]
+    pub fn with_buried(self, pieces: Vec<BuriedPiece>) -> Self {
+        Self { buried: BuriedPieces::new(pieces), ..self }
     }
 
     /// All axis-aligned patches of a world, from those of its chunks in ascending order. Their samples are let go.
@@ -89,7 +104,8 @@ impl PatchSet {
             }
             pieces.into_iter().for_each(|piece| hidden.add(piece));
         }
-        Self { patches, chunks: ranges, places: Places::Axis(places), hidden }
+        let places = Places::Axis { by_voxel, weights: parameters.weights };
+        Self { patches, chunks: ranges, places, hidden, buried: BuriedPieces::default() }
     }
 
     /// The same without samples; places and all else that rays ask for stay.
@@ -101,6 +117,7 @@ impl PatchSet {
             chunks: self.chunks.clone(),
             places: self.places.clone(),
             hidden: self.hidden.clone(),
+            buried: self.buried.clone(),
         }
     }
 
@@ -238,8 +255,13 @@ impl PatchSet {
         emitters: Emitters,
     ) -> Self {
         contributions.sort_by_key(|c| (c.key, c.sample));
-        let mut set =
-            Self { patches: Vec::new(), chunks: BTreeMap::new(), places, hidden: HiddenPlaces::default() };
+        let mut set = Self {
+            patches: Vec::new(),
+            chunks: BTreeMap::new(),
+            places,
+            hidden: HiddenPlaces::default(),
+            buried: BuriedPieces::default(),
+        };
         part(&mut contributions, samples, emitters);
         for run in contributions.chunk_by(|a, b| a.key == b.key) {
             set.push(run, samples, grid, emitters);
@@ -397,6 +419,7 @@ mod tests {
             reflectance: Rgb::splat(0.5),
             emission: Rgb::ZERO,
             exposure: Exposure::Open(1.0),
+            is_suspect: false,
         }
     }
 

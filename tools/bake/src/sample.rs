@@ -43,6 +43,8 @@ pub struct SurfaceSample {
     pub emission: Rgb,
     /// Whether it counts, and how much.
     pub exposure: Exposure,
+    /// Whether it sees so many backs that it is buried unless light is found.
+    pub is_suspect: bool,
 }
 
 impl SurfaceSample {
@@ -132,6 +134,7 @@ pub fn sample_triangle(
                         reflectance: surface.reflectance,
                         emission: surface.emitted_radiance * std::f32::consts::PI,
                         exposure: Exposure::Open(1.0),
+                        is_suspect: false,
                     });
                 }
             });

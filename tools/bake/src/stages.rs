@@ -227,7 +227,8 @@ impl<'a> Run<'a> {
         if set.is_empty() {
             return Err(BakeError::NoPatches { voxel_edge_m: edge_m });
         }
-        let needed = of_scene + memory::of_patches(set.len() as u64, self.summary.chunk_samples_max);
+        let of_patches = memory::of_patches(set.len() as u64, self.summary.chunk_samples_max);
+        let needed = of_scene + of_patches + set.buried().bytes();
         self.summary.memory_estimate_bytes = needed;
         self.options.memory.check(needed, "the scene and its patches", edge_m)?;
         let (key, states) = (self.common_key(&cells), States::begin(work, &cells)?);
@@ -312,8 +313,9 @@ impl<'a> Run<'a> {
             summary.stale.note(*chunk, Stage::Exposure, record.stale);
             identities.insert(*chunk, record.identity);
         }
+        let pieces = records.iter_mut().flat_map(|(_, record)| std::mem::take(&mut record.pieces)).collect();
         let parts = records.into_iter().map(|(chunk, record)| (chunk, record.patches, record.hidden));
-        let set = PatchSet::assemble(parts, self.parameters());
+        let set = PatchSet::assemble(parts, self.parameters()).with_buried(pieces);
         for source in &set.patches {
             let emits = u64::from(source.patch.emission != Rgb::ZERO);
             cells.add_at(source.patch.voxel, xxh3_64(bytemuck::bytes_of(&[source.key, emits])));
@@ -324,6 +326,11 @@ impl<'a> Run<'a> {
             hash.update(bytemuck::bytes_of(&place.0));
             hash.update(&place.1.to_le_bytes());
             cells.add_at(piece.voxel, hash.digest());
+        }
+        for piece in set.buried().pieces() {
+            let traced = source.content.traced(piece.side as usize / 2);
+            let hash = xxh3_64(bytemuck::bytes_of(&[traced, u64::from(piece.side % 2)]));
+            cells.add_at(piece.voxel.into(), hash);
         }
         self.end(Stage::Exposure);
         Ok((set, identities, cells, states.named()))

@@ -8,6 +8,7 @@
 use crate::BakeError;
 use crate::apart::{EMITTER_ORDINALS, is_apart};
 use crate::builder::{Builder, Surfaces};
+use crate::buried::BuriedPiece;
 use crate::cells::{Cells, Seen};
 use crate::content::SceneContent;
 use crate::exposure::Exposure;
@@ -69,6 +70,8 @@ pub(crate) struct SurfaceRecord {
     pub(crate) identity: u64,
     pub(crate) patches: Vec<BakePatch>,
     pub(crate) hidden: Vec<PieceSample>,
+    /// Those whose hits are absorbed.
+    pub(crate) pieces: Vec<BuriedPiece>,
     pub(crate) samples: u64,
     pub(crate) buried: u64,
     pub(crate) rays: u64,
@@ -152,12 +155,14 @@ impl SurfaceSource<'_> {
         let samples = &points.samples;
         let set = PatchSet::group(samples, self.builder.parameters);
         let hidden = set.hidden().samples();
-        let payload = encode(points, &set.patches, &hidden, self.triangles.of(chunk));
+        let pieces = self.builder.buried_pieces(samples);
+        let payload = encode(points, &set.patches, &hidden, &pieces, self.triangles.of(chunk));
         self.work.write(Kind::Surfaces, 0, chunk, &stamp, &payload)?;
         let buried = samples.iter().filter(|sample| sample.exposure == Exposure::Buried).count() as u64;
         let identity = identity(stamp.own, &payload, samples.len());
         let samples = samples.len() as u64;
-        Ok(SurfaceRecord { identity, patches: set.patches, hidden, samples, buried, rays: 0, stale: None })
+        let patches = set.patches;
+        Ok(SurfaceRecord { identity, patches, hidden, pieces, samples, buried, rays: 0, stale: None })
     }
 
     /// The surfaces of `chunk`, whose patches are `range` of `set`.
@@ -225,9 +230,12 @@ impl SurfaceSource<'_> {
         let pieces = reader.count(32)?;
         let triangles = self.triangles.of(chunk);
         let hidden = (0..pieces).map(|_| decode_piece(&mut reader, triangles)).collect::<Option<Vec<_>>>()?;
+        let count = reader.count(16)?;
+        let pieces = (0..count).map(|_| decode_buried(&mut reader, triangles)).collect::<Option<Vec<_>>>()?;
         let identity = identity(own, payload, samples);
         let samples = samples as u64;
-        let record = SurfaceRecord { identity, patches, hidden, samples, buried, ..SurfaceRecord::default() };
+        let record =
+            SurfaceRecord { identity, patches, hidden, pieces, samples, buried, ..SurfaceRecord::default() };
         reader.is_empty().then_some(record)
     }
 }
@@ -237,7 +245,13 @@ fn identity(own: u64, payload: &[u8], samples: usize) -> u64 {
     xxh3_64(bytemuck::bytes_of(&[own, xxh3_64(&payload[..4 + 4 * samples])]))
 }
 
-fn encode(points: &Points, patches: &[BakePatch], hidden: &[PieceSample], triangles: &[u32]) -> Vec<u8> {
+fn encode(
+    points: &Points,
+    patches: &[BakePatch],
+    hidden: &[PieceSample],
+    buried: &[BuriedPiece],
+    triangles: &[u32],
+) -> Vec<u8> {
     let mut out = Writer::default();
     out.u32(points.samples.len() as u32);
     out.f32s(points.samples.iter().map(|sample| sample.exposure.word()));
@@ -254,14 +268,28 @@ fn encode(points: &Points, patches: &[BakePatch], hidden: &[PieceSample], triang
     }
     out.u32(hidden.len() as u32);
     for piece in hidden {
-        // Numbers of triangles change with edits elsewhere; their places in the chunk's list do not.
-        let place = triangles.partition_point(|&triangle| triangle < piece.side / 2) as u32;
-        out.u32(place * 2 + piece.side % 2);
+        out.u32(kept_side(piece.side, triangles));
         out.i32s(piece.voxel.to_array());
         out.f32s(piece.position.to_array());
         out.u32(u32::from(piece.left_out));
     }
+    out.u32(buried.len() as u32);
+    for piece in buried {
+        out.u32(kept_side(piece.side, triangles));
+        out.i32s(piece.voxel);
+    }
     out.0
+}
+
+/// Numbers of triangles change with edits elsewhere; their places in the chunk's list do not.
+fn kept_side(side: u32, triangles: &[u32]) -> u32 {
+    let place = triangles.partition_point(|&triangle| triangle < side / 2) as u32;
+    place * 2 + side % 2
+}
+
+/// What [`kept_side`] made.
+fn side_kept(kept: u32, triangles: &[u32]) -> Option<u32> {
+    Some(triangles.get(kept as usize / 2)? * 2 + kept % 2)
 }
 
 /// Gives `points` the exposures at the front of `payload`, and what they rest on; `false` if they are not as many.
@@ -279,6 +307,7 @@ fn put_exposures(payload: &[u8], points: &mut Points) -> bool {
     for (sample, word) in points.samples.iter_mut().zip(exposures) {
         sample.exposure = Exposure::from_word(word);
     }
+    points.note_suspects();
     true
 }
 
@@ -297,9 +326,12 @@ fn decode_patch(reader: &mut Reader<'_>) -> Option<BakePatch> {
 }
 
 fn decode_piece(reader: &mut Reader<'_>, triangles: &[u32]) -> Option<PieceSample> {
-    let place = reader.u32()?;
-    let side = triangles.get(place as usize / 2)? * 2 + place % 2;
+    let side = side_kept(reader.u32()?, triangles)?;
     let voxel = VoxelCoord::from_array(reader.i32s()?);
     let position = Vec3::from_array(reader.f32s()?);
     Some(PieceSample { side, voxel, position, left_out: reader.u32()? == 1 })
+}
+
+fn decode_buried(reader: &mut Reader<'_>, triangles: &[u32]) -> Option<BuriedPiece> {
+    Some(BuriedPiece { side: side_kept(reader.u32()?, triangles)?, voxel: reader.i32s()? })
 }

@@ -19,10 +19,13 @@ fn corridor(crate_at: Vec3) -> Scene {
     with_crate(WorldKind::Corridor, &shape, crate_at, 0.5)
 }
 
-/// A town of 5 by 5 blocks, most of them parks, with a crate of 4 m on a crossing.
+/// A town of 5 by 5 blocks, most of them parks, with a crate of 4 m on a crossing. Nothing emits, so that what is buried
+/// absorbs.
 fn open_town(crate_at: Vec3) -> Scene {
     let shape = GenOptions { town_size_m: 200.0, town_triangles: Some(25_000), ..GenOptions::default() };
-    with_crate(WorldKind::Town, &shape, crate_at, 4.0)
+    let mut scene = with_crate(WorldKind::Town, &shape, crate_at, 4.0);
+    scene.materials.iter_mut().for_each(|material| material.emitted_radiance = Vec3::ZERO);
+    scene
 }
 
 fn with_crate(kind: WorldKind, shape: &GenOptions, crate_at: Vec3, edge_m: f32) -> Scene {

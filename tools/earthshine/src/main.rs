@@ -13,6 +13,7 @@ mod compare;
 mod connect;
 mod defaults;
 mod demo;
+mod end_words;
 mod error_view;
 mod exit_code;
 mod fly;

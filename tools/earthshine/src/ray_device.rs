@@ -1,15 +1,15 @@
 //! A graphics adapter as what a bake traces its rays on.
 
+use crate::end_words::{side, voxel};
 use anyhow::Context as _;
 use earthshine_bake::ends::{
-    self, COUNTED_RAYS_MAX, CountedEnds, EndPlaces, EndTriangle, EndVoxel, FacedFans, FacedRays,
-    FirstTriangles, Run, RunEnds, RunSum, Traffic,
+    self, COUNTED_RAYS_MAX, CountedEnds, EndPlaces, EndTriangle, FacedFans, FacedRays, FirstTriangles, Run,
+    RunEnds, RunSum, Traffic,
 };
 use earthshine_bake::{CasterError, EndCounter, Query, RayDevice, RayFan, Rays};
 use earthshine_gpu::ends::{
     self as ends_of_gpu, AskedRays, EndMap, EndPart, EndRun, EndSide, Faced, GpuEnds, KEY_ABSORBED, KEY_SKY,
-    KEY_UNKNOWN, MapVoxel, NO_KEY, RAY_PARTS, RUN_RAYS, RunParts, SIDE_FOR_HOST, SIDE_LEFT_OUT,
-    SIDE_TWO_SIDED, SUM_ABSORBED, SUM_WHOLE,
+    KEY_UNKNOWN, MapVoxel, NO_KEY, RAY_PARTS, RUN_RAYS, RunParts, SUM_ABSORBED, SUM_WHOLE,
 };
 use earthshine_gpu::rays::{DISPATCH_RAYS_MAX, NO_TRIANGLE, RayHit, RayQuery};
 use earthshine_gpu::{AdapterChoice, GpuDevice};
@@ -109,11 +109,6 @@ impl EndCounter for Counter {
 
     fn settle(&self, places: &EndPlaces) -> Result<(), CasterError> {
         let sides: Vec<EndSide> = places.triangles.iter().map(side).collect();
-        let voxel = |&EndVoxel { voxel, patches, has_left_out }: &EndVoxel| MapVoxel {
-            voxel: voxel.to_array(),
-            patches,
-            has_left_out,
-        };
         let voxels: Vec<MapVoxel> = places.voxels.iter().map(voxel).collect();
         let EndPlaces { voxel_edge_m, off_surface_m, .. } = *places;
         let map = EndMap { sides: &sides, voxels: &voxels, voxel_edge_m, off_surface_m };
@@ -154,13 +149,6 @@ fn fan_words(fan: &RayFan) -> ends_of_gpu::RayFan {
         ray_count,
         ..ends_of_gpu::RayFan::default()
     }
-}
-
-fn side(triangle: &EndTriangle) -> EndSide {
-    let EndTriangle { normal, parts, is_for_host, has_left_out, is_two_sided } = *triangle;
-    let flags = [(is_for_host, SIDE_FOR_HOST), (has_left_out, SIDE_LEFT_OUT), (is_two_sided, SIDE_TWO_SIDED)];
-    let flags = flags.into_iter().filter(|(is_set, _)| *is_set).map(|(_, flag)| flag).sum();
-    EndSide { normal: normal.to_array(), flags, parts, spare: 0 }
 }
 
 fn run_words(run: &Run) -> EndRun {

@@ -37,6 +37,20 @@ pub struct EndTriangle {
     pub has_left_out: bool,
     /// Whether it has no back.
     pub is_two_sided: bool,
+    /// Where its front and its back lie inside of something, so that rays that come to them are absorbed.
+    pub buried: [Buried; 2],
+}
+
+/// Where a side of a triangle is buried.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Buried {
+    /// Nowhere.
+    #[default]
+    Nowhere,
+    /// In some voxels, which [`EndVoxel::buried`] tells.
+    InPlaces,
+    /// Everywhere.
+    Everywhere,
 }
 
 /// Patches of a voxel.
@@ -48,6 +62,17 @@ pub struct EndVoxel {
     pub patches: [u32; 6],
     /// Whether its patches left out places on triangles that say so.
     pub has_left_out: bool,
+    /// What of the sides that are buried [in places](Buried::InPlaces) is here.
+    pub buried: BuriedHere,
+}
+
+/// The sides in a voxel that are buried in places, by the direction that they face most: a bit each.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct BuriedHere {
+    /// Of those that are buried here.
+    pub buried: u8,
+    /// Of those that are not. A ray that meets what faces a direction of both has to be cast by the CPU.
+    pub open: u8,
 }
 
 /// To whom crossings belong: the voxel a little before the side that is hit, and there by the side's directions.
@@ -59,7 +84,7 @@ pub struct EndPlaces {
     pub off_surface_m: f32,
     /// As in the scene.
     pub triangles: Vec<EndTriangle>,
-    /// Those with patches or places left out, each once.
+    /// Those with patches, places left out, or sides that are buried there and not elsewhere; each once.
     pub voxels: Vec<EndVoxel>,
 }
 
@@ -199,7 +224,29 @@ impl EndTriangle {
         let total = whole(weights.iter().sum());
         let largest = (0..3).max_by_key(|&axis| parts[axis]).unwrap_or(0);
         parts[largest] = (parts[largest] + total).saturating_sub(parts.iter().sum());
-        Self { normal, parts, is_for_host, has_left_out: false, is_two_sided: false }
+        let buried = [Buried::Nowhere; 2];
+        Self { normal, parts, is_for_host, has_left_out: false, is_two_sided: false, buried }
+    }
+
+    /// Whether a ray that meets its front, or its back, in a voxel with `here` is absorbed; `None` if only the CPU can tell.
+    #[must_use]
+    pub fn is_buried(&self, front: bool, here: BuriedHere) -> Option<bool> {
+        let bit = 1u8 << Self::main_direction(if front { self.normal } else { -self.normal }).index();
+        match self.buried[usize::from(!front)] {
+            Buried::Nowhere => Some(false),
+            Buried::Everywhere => Some(true),
+            Buried::InPlaces if here.buried & bit == 0 => Some(false),
+            Buried::InPlaces => (here.open & bit == 0).then_some(true),
+        }
+    }
+
+    /// The direction that a side with `normal` faces most; the first of several axes.
+    #[must_use]
+    pub fn main_direction(normal: Vec3) -> Direction {
+        let longer = |longest: usize, axis: usize| normal[axis].abs() > normal[longest].abs();
+        let axis =
+            [1, 2].into_iter().fold(0, |longest, axis| if longer(longest, axis) { axis } else { longest });
+        Direction::of_component(axis, normal[axis])
     }
 }
 
@@ -297,8 +344,18 @@ impl RunEnds {
         let voxel = ((position + normal * places.off_surface_m) / places.voxel_edge_m).floor().as_ivec3();
         let found = voxels.get(&voxel);
         let has_left_out = triangle.has_left_out && found.is_some_and(|voxel| voxel.has_left_out);
-        if triangle.is_for_host || has_left_out {
+        let here = found.map_or(BuriedHere::default(), |voxel| voxel.buried);
+        let is_buried = triangle.is_buried(hit.front, here);
+        if triangle.is_for_host || has_left_out && is_buried != Some(true) {
             return false;
+        }
+        match is_buried {
+            None => return false,
+            Some(true) => {
+                self.absorbed += weighed(RAY_PARTS);
+                return true;
+            }
+            Some(false) => {}
         }
         for axis in 0..3 {
             let patches = found.map_or(&[NO_PATCH; 6], |voxel| &voxel.patches);

@@ -2,13 +2,13 @@
 
 use earthshine_gen::{GenOptions, WorldKind};
 use earthshine_gpu::ends::{
-    EndRun, EndSide, RayFan as FanWords, SIDE_FOR_HOST, SIDE_LEFT_OUT, SIDE_TWO_SIDED, SUM_ABSORBED,
-    SUM_WHOLE,
+    BURIED_IN_PLACES, EndRun, EndSide, RayFan as FanWords, SIDE_BACK_BURIED, SIDE_FOR_HOST,
+    SIDE_FRONT_BURIED, SIDE_LEFT_OUT, SIDE_TWO_SIDED, SUM_ABSORBED, SUM_WHOLE,
 };
 use earthshine_gpu::{AdapterChoice, GpuDevice};
 use earthshine_scene::{ImportOptions, Scene, load_bytes};
 use earthshine_shaders::host::RayQuery;
-use earthshine_trace::ends::{EndTriangle, Run, RunSum};
+use earthshine_trace::ends::{Buried, EndTriangle, Run, RunSum};
 use earthshine_trace::{Query, RayFan};
 use earthshine_world::Vec3;
 use earthshine_world::random::{Purpose, hash, unit_pair};
@@ -94,11 +94,20 @@ pub(crate) fn run_words(run: &Run) -> EndRun {
 }
 
 pub(crate) fn sides(triangles: &[EndTriangle]) -> Vec<EndSide> {
+    let buried = |(flag, buried): (u32, Buried)| match buried {
+        Buried::Nowhere => 0,
+        Buried::InPlaces => flag << BURIED_IN_PLACES,
+        Buried::Everywhere => flag,
+    };
+    let sides_buried = |triangle: &EndTriangle| -> u32 {
+        [SIDE_FRONT_BURIED, SIDE_BACK_BURIED].into_iter().zip(triangle.buried).map(buried).sum()
+    };
     let side = |triangle: &EndTriangle| EndSide {
         normal: triangle.normal.to_array(),
         flags: u32::from(triangle.is_for_host) * SIDE_FOR_HOST
             + u32::from(triangle.has_left_out) * SIDE_LEFT_OUT
-            + u32::from(triangle.is_two_sided) * SIDE_TWO_SIDED,
+            + u32::from(triangle.is_two_sided) * SIDE_TWO_SIDED
+            + sides_buried(triangle),
         parts: triangle.parts,
         spare: 0,
     };

@@ -1,5 +1,6 @@
 //! Ends of rays counted on a device against the CPU twin, `trace::ends::count_ends`: rays from all over a scene, runs of any
-//! length and kind, voxels of which some have patches on some sides only, triangles that are left to the host everywhere or in some voxels.
+//! length and kind, voxels of which some have patches on some sides only, triangles that are left to the host everywhere or
+//! in some voxels, sides that are buried everywhere or in some.
 //!
 //! Sums are of integers and the rays are the same, so runs are equal but where a device, which rounds by itself, sees a
 //! crossing on the other side of a voxel's face, or another of two triangles within rounding. Those are counted.
@@ -8,11 +9,13 @@ use crate::asked::{device_or_skip, device_within, generated, queries, run_words,
 use earthshine_gen::WorldKind;
 use earthshine_gpu::GpuDevice;
 use earthshine_gpu::ends::{
-    AskedRays, EndMap, EndPart, EndRun, GpuEnds, KEY_ABSORBED, KEY_SKY, KEY_UNKNOWN, MapVoxel, RAY_PARTS,
-    SUM_WHOLE,
+    AskedRays, BURIED_OPEN, EndMap, EndPart, EndRun, GpuEnds, KEY_ABSORBED, KEY_SKY, KEY_UNKNOWN, MapVoxel,
+    RAY_PARTS, SUM_WHOLE,
 };
 use earthshine_scene::{ImportOptions, Scene, load, scenes_dir};
-use earthshine_trace::ends::{EndPlaces, EndTriangle, EndVoxel, NO_PATCH, Run, RunEnds, RunSum, count_ends};
+use earthshine_trace::ends::{
+    Buried, BuriedHere, EndPlaces, EndTriangle, EndVoxel, NO_PATCH, Run, RunEnds, RunSum, count_ends,
+};
 use earthshine_trace::{Query, SceneTracer};
 use earthshine_world::random::{Purpose, hash, unit_f32};
 use earthshine_world::{AxisWeights, Direction, Vec3};
@@ -23,7 +26,8 @@ const ELSEWHERE_MAX: f64 = 2e-3;
 /// Rounding of one weighed part.
 const ROUNDING: u32 = 1;
 
-/// Places where three in four voxels that rays meet have patches on four in five sides; one triangle in ten is the host's.
+/// Places where three in four voxels that rays meet have patches on four in five sides; one triangle in ten is the host's,
+/// one side in five is buried, another one in some voxels.
 fn places(scene: &Scene, tracer: &SceneTracer<'_>, rays: &[Query], voxel_edge_m: f32) -> EndPlaces {
     let chance = |kind: u64, at: u64| unit_f32(hash(3, Purpose::Simulation, kind, at));
     let off_surface_m = 1e-3 * voxel_edge_m;
@@ -41,13 +45,24 @@ fn places(scene: &Scene, tracer: &SceneTracer<'_>, rays: &[Query], voxel_edge_m:
             voxel,
             patches: [0, 1, 2, 3, 4, 5].map(patch),
             has_left_out: chance(u64::from(number), 4) < 0.3,
+            // One in four where both are, which the host has to tell apart.
+            buried: BuriedHere {
+                buried: (chance(u64::from(number), 6) * 64.0) as u8,
+                open: (chance(u64::from(number), 7) * 64.0) as u8,
+            },
         });
     }
     let triangle = |index: usize| {
         let normal = scene.normal(index);
         let weights = AxisWeights::Squared.of(normal).map(|(_, weight)| weight);
         let has_left_out = chance(index as u64, 5) < 0.3;
-        EndTriangle { has_left_out, ..EndTriangle::new(normal, weights, chance(index as u64, 2) < 0.1) }
+        let buried = [8, 9].map(|of| match chance(index as u64, of) {
+            0.0..0.2 => Buried::Everywhere,
+            0.2..0.4 => Buried::InPlaces,
+            _ => Buried::Nowhere,
+        });
+        let is_for_host = chance(index as u64, 2) < 0.1;
+        EndTriangle { has_left_out, buried, ..EndTriangle::new(normal, weights, is_for_host) }
     };
     EndPlaces {
         voxel_edge_m,
@@ -94,10 +109,11 @@ fn compare(device: &GpuDevice, name: &str, scene: &Scene, voxel_edge_m: f32) {
     let tracer = SceneTracer::new(scene);
     let rays = queries(scene, 20_000);
     let places = places(scene, &tracer, &rays, voxel_edge_m);
-    let voxel = |&EndVoxel { voxel, patches, has_left_out }: &EndVoxel| MapVoxel {
+    let voxel = |&EndVoxel { voxel, patches, has_left_out, buried }: &EndVoxel| MapVoxel {
         voxel: voxel.to_array(),
         patches,
         has_left_out,
+        buried: u32::from(buried.buried) | u32::from(buried.open) << BURIED_OPEN,
     };
     let voxels: Vec<MapVoxel> = places.voxels.iter().map(voxel).collect();
     let sides = sides(&places.triangles);
