@@ -10,6 +10,7 @@
 
 use crate::content::has_emitters;
 use crate::counted_rows::{RayPlan, RowInquiry};
+use crate::crevices::Crevices;
 use crate::detail_exposure;
 use crate::emitted::{FromEmitter, piece_of};
 use crate::estimator::emits;
@@ -17,8 +18,8 @@ use crate::inquiry::{Inquiry, Question};
 use crate::layers::layers_of;
 use crate::patches::{BakePatch, PatchSet};
 use crate::receivers::thin;
-use crate::rows::{RawRow, RowCaster};
-use crate::sample::{SurfaceSample, voxel_of};
+use crate::rows::{RawRow, RayEnd, RowCaster};
+use crate::sample::{SurfaceSample, side_of, voxel_of};
 use crate::spread::Spread;
 use earthshine_tiles::BakeParameters;
 use earthshine_trace::ends::RunEnds;
@@ -57,6 +58,8 @@ pub(crate) struct DetailBake<'a> {
     pub(crate) emitter_rays: u32,
     /// What patches that emit see of the chunk, ascending by detail voxel, then patch.
     pub(crate) emitted: &'a [FromEmitter],
+    /// Places of the chunk that patches leave out.
+    pub(crate) crevices: &'a Crevices,
 }
 
 /// What a chunk's surfaces make up in its detail voxels.
@@ -64,8 +67,9 @@ pub(crate) struct DetailBake<'a> {
 pub(crate) struct ChunkDetail {
     /// In detail voxels.
     pub(crate) samples: Vec<SurfaceSample>,
-    /// Changes with their exposures: rays decided some of them.
+    /// Changes with their exposures, and with what places in crevices count: rays decided some of them.
     pub(crate) exposures: u64,
+    pub(crate) crevices: Crevices,
     /// Ascending by place.
     pub(crate) parts: Vec<DetailPart>,
 }
@@ -112,8 +116,9 @@ impl<'a> DetailBake<'a> {
             let voxel = detail_voxel_of(sample.voxel, sample.position, sample.normal, parameters);
             SurfaceSample { voxel, ..*sample }
         };
-        let mut samples: Vec<SurfaceSample> =
-            self.caster.samples.iter().filter(is_own).map(in_detail).collect();
+        let own: Vec<&SurfaceSample> = self.caster.samples.iter().filter(is_own).collect();
+        let crevices = Crevices::of(&own, &self.caster);
+        let mut samples: Vec<SurfaceSample> = own.into_iter().map(in_detail).collect();
         detail_exposure::expose(&mut samples, &self.caster);
         // As what is buried absorbs: where paths cannot be trusted, nothing hangs on them.
         if !has_emitters(self.caster.tracer.scene()) {
@@ -134,14 +139,55 @@ impl<'a> DetailBake<'a> {
             parts.extend((0..).zip(layers).filter_map(part));
         }
         parts.sort_by_key(|part| part.place.order());
-        let exposures: Vec<f32> = samples.iter().map(|sample| sample.exposure.word()).collect();
-        ChunkDetail { exposures: xxh3_64(bytemuck::cast_slice(&exposures)), samples, parts }
+        let exposures = samples.iter().map(|sample| sample.exposure.word());
+        let words: Vec<f32> = exposures.chain(crevices.words().iter().copied()).collect();
+        ChunkDetail { exposures: xxh3_64(bytemuck::cast_slice(&words)), crevices, samples, parts }
     }
 
     /// The row of `of`, which is made of the caster's samples.
     pub(crate) fn row(&self, of: &DetailPart) -> RawRow {
-        let row = self.caster.cast(&of.part, &self.spread(of), 0..self.rays());
+        let spread = self.spread(of);
+        let row = if self.is_beside_crevice(of) {
+            self.cast_in_crevice(of, &spread)
+        } else {
+            self.caster.cast(&of.part, &spread, 0..self.rays())
+        };
         self.finished(row, of)
+    }
+
+    /// Whether hits count by how open they are; no device knows that.
+    pub(crate) fn is_beside_crevice(&self, of: &DetailPart) -> bool {
+        self.crevices.are_beside(of.part.patch.voxel)
+    }
+
+    /// The row of `of` as [`RowCaster::cast`] makes it, but that hits on what patches leave out count less.
+    fn cast_in_crevice(&self, of: &DetailPart, spread: &Spread) -> RawRow {
+        let (caster, run) = (&self.caster, 0..self.rays());
+        let share = 1.0 / run.len() as f32;
+        let mut row = RawRow { rays: self.rays(), ..RawRow::default() };
+        for ray in run.clone() {
+            let (origin, direction) = caster.ray(&of.part, spread, &run, ray);
+            let Some(hit) = caster.tracer.closest(origin, direction, f32::INFINITY) else {
+                row.add(&RayEnd::Sky, direction, share);
+                continue;
+            };
+            let position = origin + direction * hit.distance;
+            let owners = caster.owners(&hit, position);
+            let glows =
+                |&(patch, _): &(u32, f32)| patch != PatchSet::NONE && emits(caster.set, patch as usize);
+            let count = if owners.as_ref().is_some_and(|owners| owners.iter().any(glows)) {
+                1.0
+            } else {
+                let normal = caster.tracer.tracer().normal(&hit);
+                let voxel = voxel_of(position, normal, caster.parameters.grid.voxel_edge_m);
+                let at = detail_voxel_of(voxel, position, normal, caster.parameters);
+                self.crevices.count(side_of(hit.triangle, hit.front), at)
+            };
+            row.add(&RayEnd::Surface(owners), direction, share * count);
+            row.absorbed += share * (1.0 - count);
+        }
+        row.merge();
+        row
     }
 
     /// The same for a device to count the ends of.

@@ -6,6 +6,7 @@
 
 use crate::BakeError;
 use crate::changes::Changes;
+use crate::crevices::Crevices;
 use crate::detail::{ChunkDetail, DetailBake, DetailPart};
 use crate::emitted::{EmittedFiles, emitter_rays};
 use crate::eye::{Answer, Eye, Probe};
@@ -23,6 +24,7 @@ use crate::words::{Reader, Writer};
 use crate::work_folder::{Kind, Stale, Stamp};
 use earthshine_tiles::{BakeParameters, PatchBuilder};
 use earthshine_world::{DetailVoxel, Direction, Grid, ReceiverPlace, SurfacePlane, VoxelCoord};
+use rayon::prelude::*;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Rows are numbered by `u16` in row files.
@@ -65,14 +67,16 @@ pub(crate) fn trace(run: &mut Run<'_>, known: &Known<'_>) -> Result<(), BakeErro
         }
         let surfaces = known.source.of(chunk, set)?;
         let caster = caster(run, known, &surfaces, known.tracer.into());
-        let whole = DetailBake { caster, emitter_rays, emitted: &emitted };
-        let ChunkDetail { samples, exposures, parts } = whole.parts(chunk);
+        let none = Crevices::default();
+        let whole = DetailBake { caster, emitter_rays, emitted: &emitted, crevices: &none };
+        let ChunkDetail { samples, exposures, crevices, parts } = whole.parts(chunk);
         let places: Vec<ReceiverPlace> = parts.iter().map(|part| part.place).collect();
         let kept = match kept {
             Kept::Earlier(..) if (before.0, &before.1) != (exposures, &places) => Kept::Nothing(Stale::Own),
             kept => kept,
         };
-        let bake = DetailBake { caster: RowCaster { samples: &samples, ..caster }, ..whole };
+        let caster = RowCaster { samples: &samples, ..caster };
+        let bake = DetailBake { caster, crevices: &crevices, ..whole };
         let renewal = renewed(known, &bake, &parts, kept);
         let cast = renewal.is_new.iter().filter(|is_new| **is_new).count() as u64
             * u64::from(parameters.detail_rays);
@@ -98,8 +102,14 @@ fn renewed(known: &Known<'_>, bake: &DetailBake<'_>, parts: &[DetailPart], kept:
     let trace = |wanted: &[usize]| {
         let inquiry = |part: usize| bake.inquiry(&parts[part]);
         let on_cpu = |part: usize| bake.row(&parts[part]);
-        let rows = count_all(known.offload, wanted, inquiry, on_cpu, &|| ());
-        rows.into_iter().map(|row| vec![row]).collect()
+        let (beside, open): (Vec<usize>, Vec<usize>) =
+            wanted.iter().partition(|&&part| bake.is_beside_crevice(&parts[part]));
+        let counted = count_all(known.offload, &open, inquiry, on_cpu, &|| ());
+        let cast: Vec<RawRow> = beside.par_iter().map(|&part| on_cpu(part)).collect();
+        let mut rows: Vec<(usize, RawRow)> =
+            open.into_iter().zip(counted).chain(beside.into_iter().zip(cast)).collect();
+        rows.sort_unstable_by_key(|row| row.0);
+        rows.into_iter().map(|(_, row)| vec![row]).collect()
     };
     let is_concerned = |part: usize, _: &[RawRow], changes: &Changes| {
         let probe = Probe::new(changes, Answer::Sky);

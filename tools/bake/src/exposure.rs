@@ -147,6 +147,17 @@ impl ExposureTest<'_> {
         }
     }
 
+    /// The share of its rays that go beyond what is near.
+    pub(crate) fn openness(&self, sample: &SurfaceSample) -> f32 {
+        let fan = self.fan(sample);
+        let is_near = |index: &u32| {
+            let Query { origin, direction, distance_max } = fan.query(*index);
+            let hit = self.tracer.closest(origin, direction, distance_max);
+            hit.is_some_and(|hit| hit.distance < self.near_m())
+        };
+        1.0 - (0..self.rays).filter(is_near).count() as f32 / self.rays.max(1) as f32
+    }
+
     /// All rays that may be cast from `sample` whatever they find. The one rule for rays cast here and on a device.
     pub(crate) fn fan(&self, sample: &SurfaceSample) -> RayFan {
         RayFan {

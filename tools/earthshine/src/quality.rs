@@ -20,13 +20,14 @@ pub(crate) struct QualityArguments {
     /// Voxels along a chunk's edge, 1 to 22.
     #[arg(long, default_value_t = 16)]
     chunk_voxels: u32,
-    /// Rays a patch. The error of a row falls with its square root; time grows in step.
-    #[arg(long, default_value_t = 1024)]
-    rays: u32,
-    /// Sample points a patch keeps for direct light. Default: 64 where there is detail, else 16.
+    /// Rays a patch. The error of a row falls with its square root; time grows in step. Default: 1024; 512 where --detail auto
+    /// gives a city detail; worlds that are there keep theirs.
+    #[arg(long)]
+    rays: Option<u32>,
+    /// Sample points a patch keeps for direct light. Default: 64 where there is detail, else 16, and in cities.
     #[arg(long)]
     points_per_patch: Option<u32>,
-    /// Points that cover a voxel face of surface. Default: as --points-per-patch.
+    /// Points that cover a voxel face of surface. Default: 64 where there is detail, else 16.
     #[arg(long)]
     samples_per_face: Option<u32>,
     /// How normals spread over directions; `absolute` is the sources' way and makes energy.
@@ -133,10 +134,17 @@ impl QualityArguments {
             Detail::Exactly(detail) => Some(detail),
         };
         let Self {
-            voxel: voxel_edge_m, detail_rays, detail_columns, points_per_patch, samples_per_face, ..
+            voxel: voxel_edge_m,
+            rays,
+            detail_rays,
+            detail_columns,
+            points_per_patch,
+            samples_per_face,
+            ..
         } = *self;
         let wish = Wish {
             voxel_edge_m,
+            rays,
             detail,
             detail_rays,
             detail_columns,
@@ -152,6 +160,7 @@ impl QualityArguments {
         let detail = if self.detail == Detail::Auto { Detail::Exactly(before.detail) } else { self.detail };
         Self {
             voxel: self.voxel.or(Some(before.grid.voxel_edge_m)),
+            rays: self.rays.or(Some(before.rays_per_patch)),
             detail,
             detail_rays: self.detail_rays.or(Some(before.detail_rays)),
             detail_columns: self.detail_columns.or(Some(before.detail_columns)),
@@ -166,7 +175,6 @@ impl QualityArguments {
         let default_sides = if source.kind == Some(WorldKind::Cornell) { Sides::One } else { Sides::Two };
         let mut parameters = BakeParameters {
             seed: self.seed,
-            rays_per_patch: self.rays,
             buried_rays: self.buried_rays,
             weights: match self.weights {
                 Weights::Squared => AxisWeights::Squared,
@@ -196,7 +204,7 @@ impl QualityArguments {
 
     /// The same with another number of rays a patch.
     pub(crate) fn with_rays(self, rays: u32) -> Self {
-        Self { rays, ..self }
+        Self { rays: Some(rays), ..self }
     }
 
     /// The same with another number of points a voxel face.
