@@ -166,6 +166,7 @@ mod tests {
             reflectance: Rgb::ONE,
             emission: Rgb::ZERO,
             exposure,
+            is_suspect: false,
         };
         let samples = [sample(0.5, exposures[0]), sample(3.5, exposures[1])];
         Crevices::of(&samples.each_ref(), &caster)

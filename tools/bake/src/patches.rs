@@ -104,7 +104,7 @@ impl PatchSet {
             }
             pieces.into_iter().for_each(|piece| hidden.add(piece));
         }
-        let places = Places::Axis { by_voxel, weights: parameters.weights };
+        let places = Places::Axis(places);
         Self { patches, chunks: ranges, places, hidden, buried: BuriedPieces::default() }
     }
 
