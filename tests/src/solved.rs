@@ -79,6 +79,13 @@ impl SolvedWorld {
         self.chunks.iter().flat_map(|chunk| &chunk.patches)
     }
 
+    /// The patches of which a volume tells the light, with their numbers among all: see [`Chunk::is_told`].
+    pub fn told(&self) -> impl Iterator<Item = (usize, &Patch)> {
+        let is_told =
+            self.chunks.iter().flat_map(|chunk| (0..chunk.patches.len()).map(|local| chunk.is_told(local)));
+        self.patches().enumerate().zip(is_told).filter_map(|(patch, is_told)| is_told.then_some(patch))
+    }
+
     /// Everywhere a patch is.
     #[must_use]
     pub fn places(&self) -> Vec<PatchPlace> {
@@ -147,9 +154,7 @@ impl SolvedWorld {
             voxel_edge_m: self.grid.voxel_edge_m,
         };
         let mut volume = Volume::new(layout).expect("a small world");
-        let told =
-            self.chunks.iter().flat_map(|chunk| (0..chunk.patches.len()).map(|local| chunk.is_told(local)));
-        for ((index, patch), _) in self.patches().enumerate().zip(told).filter(|&(_, is_told)| is_told) {
+        for (index, patch) in self.told() {
             let (all, sky) = (solution.irradiance[index], solution.sky_irradiance[index]);
             volume.set_patch(patch.voxel, patch.direction.index(), all, sky, u8::MAX);
             let plane = earthshine_volume::plane::encode(patch.plane_offset(self.grid.voxel_edge_m));

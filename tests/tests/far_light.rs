@@ -16,14 +16,13 @@ use std::collections::BTreeMap;
 fn error(solved: &SolvedWorld, served: &PatchPlaces, camera: Vec3) -> f64 {
     let whole = solved.solve(&solved.lights);
     let mut nearest: Vec<(f32, usize)> = solved
-        .patches()
-        .enumerate()
+        .told()
         .filter(|(_, patch)| served.contains_key(&place_of(patch)))
         .map(|(index, patch)| (patch.centroid.distance(camera), index))
         .collect();
     nearest.sort_by(|a, b| a.0.total_cmp(&b.0));
     nearest.truncate(nearest.len() / 2);
-    let places: BTreeMap<usize, _> = solved.patches().map(place_of).enumerate().collect();
+    let places: BTreeMap<usize, _> = solved.told().map(|(index, patch)| (index, place_of(patch))).collect();
     let (mut gap, mut norm) = (0.0f64, 0.0f64);
     for (_, index) in nearest {
         let truth = whole.irradiance[index];

@@ -8,7 +8,7 @@ use earthshine_light::Occluders;
 use earthshine_radiosity::invariant::row_sums_to_one;
 use earthshine_world::lineage::Lineage;
 use earthshine_world::{
-    Chunk, ChunkRows, ChunkSummary, Direction, Grid, Patch, ReceiverPlace, Receivers, Rgb, SamplePoint,
+    Chunk, ChunkRows, ChunkSummary, Direction, Grid, Patch, ReceiverPlace, Receivers, SamplePoint,
 };
 use std::mem::size_of;
 use std::sync::Arc;
@@ -90,16 +90,11 @@ fn check_patches(chunk: &Chunk, grid: &Grid) -> Result<(), TileFault> {
     }
     places.sort_unstable();
     let is_fault = |pair: &[([i32; 3], Direction, usize)]| {
-        let [(voxel, direction, first), (next, facing, second)] = [pair[0], pair[1]];
-        (voxel, direction) == (next, facing) && !is_emitter_beside(chunk, first, second)
+        let [(voxel, direction, _), (next, facing, second)] = [pair[0], pair[1]];
+        // Of two patches in one place only what emits beside what does not may be the second, right behind it.
+        (voxel, direction) == (next, facing) && chunk.is_told(second)
     };
     if places.windows(2).any(is_fault) { Err(TileFault::Duplicate) } else { Ok(()) }
-}
-
-/// Whether patch `second`, in the same place as `first`, is what emits there beside what does not.
-fn is_emitter_beside(chunk: &Chunk, first: usize, second: usize) -> bool {
-    let emits = |patch: usize| chunk.patches[patch].emission != Rgb::ZERO;
-    second == first + 1 && chunk.is_told(first) && emits(second) && !emits(first)
 }
 
 /// Receivers ascend, lie in the chunk, and are where a patch is just if they are of its surfaces.
@@ -154,7 +149,7 @@ fn check_rows(rows: &ChunkRows, patch_count: usize) -> Result<(), TileFault> {
 mod tests {
     use super::*;
     use crate::tests::world::{RandomWorld, WorldShape};
-    use earthshine_world::OccluderMesh;
+    use earthshine_world::{OccluderMesh, Rgb};
 
     fn check(spoil: impl FnOnce(&mut Chunk)) -> Result<(), TileFault> {
         let world = RandomWorld::new(1, WorldShape::default());

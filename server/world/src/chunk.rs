@@ -57,13 +57,53 @@ impl Chunk {
     }
 
     /// Whether the light on patch `local` is what is told of its voxel and direction. What emits there beside what does not
-    /// is a patch of its own and comes second: it sends light, and what arrives at it nobody reads.
+    /// is a patch of its own and comes second: it sends light, and what arrives at it nobody reads. Of other patches that share
+    /// a place, as clusters may, each is told.
     ///
     /// # Panics
     /// If there is no such patch.
     #[must_use]
     pub fn is_told(&self, local: usize) -> bool {
-        let place = |local: usize| (self.patches[local].voxel, self.patches[local].direction);
-        local.checked_sub(1).is_none_or(|before| place(before) != place(local))
+        local.checked_sub(1).is_none_or(|before| {
+            let [before, own] = [before, local].map(|local| &self.patches[local]);
+            let is_same_place = (before.voxel, before.direction) == (own.voxel, own.direction);
+            !(is_same_place && own.emits() && !before.emits())
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{ChunkCoord, Direction, Rgb, VoxelCoord};
+
+    #[test]
+    fn what_emits_beside_what_does_not_is_not_told_and_all_else_is() {
+        let patch = |x: i32, emission: f32| Patch {
+            voxel: VoxelCoord::new(x, 0, 0),
+            direction: Direction::PosX,
+            area: 1.0,
+            centroid: Vec3::ZERO,
+            reflectance: Rgb::ZERO,
+            emission: Rgb::splat(emission),
+            point_first: 0,
+            point_count: 1,
+        };
+        let told = |second: Patch, emission: f32| {
+            let chunk = Chunk {
+                id: ChunkId::new(0, ChunkCoord::ZERO),
+                patches: vec![patch(0, emission), second],
+                points: Vec::new(),
+                rows: ChunkRows::default(),
+                receivers: Receivers::default(),
+                occluders: OccluderMesh::default(),
+            };
+            [chunk.is_told(0), chunk.is_told(1)]
+        };
+        assert_eq!(told(patch(0, 1.0), 0.0), [true, false]);
+        assert_eq!(told(patch(1, 1.0), 0.0), [true; 2], "of another place");
+        assert_eq!(told(patch(0, 0.0), 0.0), [true; 2], "clusters");
+        assert_eq!(told(patch(0, 0.0), 1.0), [true; 2]);
+        assert_eq!(told(patch(0, 1.0), 1.0), [true; 2]);
     }
 }

@@ -5,7 +5,8 @@
 //! nearest would get half of it, and how much of the light is kept would hang on how the wall is seen. So the flame is a patch
 //! of its own. It sends light; what arrives at the place is told by the other, which is what is seen there.
 //!
-//! Where nothing that does not emit is open (a ceiling hidden behind its lamp), there is nothing to tell apart.
+//! Where nothing that does not emit is open (a ceiling hidden behind its lamp), or only a sliver that would get no patch, there
+//! is nothing to tell apart.
 
 use crate::exposure::Exposure;
 use crate::patches::LAYER_ORDINALS;
@@ -50,18 +51,32 @@ pub(crate) fn is_apart_ordinal(ordinal: u8) -> bool {
     ordinal % LAYER_ORDINALS >= EMITTER_ORDINALS
 }
 
-/// Gives keys of their own to `contributions`, sorted by key, of what emits beside what does not, or drops them.
-pub(crate) fn part(contributions: &mut Vec<Contribution>, samples: &[SurfaceSample], emitters: Emitters) {
+/// Gives keys of their own to `contributions`, sorted by key, of what emits beside what does not, or drops them. Patches below
+/// `area_min` that do not emit are left out, so a rest of less is none.
+pub(crate) fn part(
+    contributions: &mut Vec<Contribution>,
+    samples: &[SurfaceSample],
+    emitters: Emitters,
+    area_min: f32,
+) {
     if emitters == Emitters::Mixed || !samples.iter().any(emits) {
         return;
     }
     let sample = |of: &Contribution| &samples[of.sample as usize];
     let place =
         |&Contribution { key: (chunk, direction, code, _), .. }: &Contribution| (chunk, direction, code);
-    let is_open = |of: &&Contribution| matches!(sample(of).exposure, Exposure::Open(_));
+    let is_rest = |of: &&Contribution| {
+        let of = sample(of);
+        matches!(of.exposure, Exposure::Open(_)) && !emits(of)
+    };
+    // Whether the rest of one layer gets a patch: added up as that patch's area is.
+    let is_kept = |run: &[Contribution]| {
+        let area: f64 = run.iter().filter(is_rest).map(|of| f64::from(of.weight)).sum();
+        area as f32 >= area_min
+    };
     for place in contributions.chunk_by_mut(|a, b| place(a) == place(b)) {
         let is_shared = place.iter().any(|of| emits(sample(of)));
-        if is_shared && place.iter().filter(is_open).any(|of| !emits(sample(of))) {
+        if is_shared && place.chunk_by(|a, b| a.key == b.key).any(is_kept) {
             place.iter_mut().filter(|of| emits(sample(of))).for_each(|of| of.key.3 += EMITTER_ORDINALS);
             place.sort_by_key(|of| (of.key, of.sample));
         }

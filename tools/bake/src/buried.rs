@@ -120,11 +120,12 @@ pub fn buried_pieces(samples: &[SurfaceSample], weights: AxisWeights) -> Vec<Bur
     pieces
 }
 
-/// The pieces of which at least one of `samples` is not buried.
+/// The pieces of which at least one of `samples` looked buried, and found light. What lies open says nothing of the rest:
+/// an awning goes on into the house.
 pub(crate) fn reached<'s>(
     samples: impl Iterator<Item = &'s SurfaceSample>,
 ) -> VoxelMap<(u32, VoxelCoord), ()> {
-    let reached = samples.filter(|sample| sample.exposure != Exposure::Buried);
+    let reached = samples.filter(|sample| sample.is_suspect && sample.exposure != Exposure::Buried);
     reached.map(|sample| ((sample.side, sample.voxel), ())).collect()
 }
 

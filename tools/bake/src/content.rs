@@ -17,9 +17,9 @@ pub struct SceneContent<'a> {
     pub lamps: u64,
 }
 
-/// Whether any material emits.
+/// Whether anything emits: see [`Scene::emits`].
 pub(crate) fn has_emitters(scene: &Scene) -> bool {
-    scene.materials.iter().any(|material| material.emitted_radiance.max_element() > 0.0)
+    scene.emits()
 }
 
 impl<'a> SceneContent<'a> {
@@ -32,7 +32,7 @@ impl<'a> SceneContent<'a> {
             .materials
             .iter()
             .map(|material| {
-                let glows = material.emitted_radiance.max_element() > 0.0;
+                let glows = material.emits();
                 let emissive = if glows { texture(material.emissive_texture) } else { 0 };
                 let (holes, cutoff) = material.alpha_cutoff.map_or((0, 0), |cutoff| {
                     let alpha = u64::from(material.base_colour[3].to_bits());
@@ -94,4 +94,24 @@ fn texture_hash(texture: &earthshine_scene::Texture) -> u64 {
     hash.update(bytemuck::cast_slice(&texture.texels));
     // Zero stands for no texture.
     hash.digest().max(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_shapes::{quad, scene_of};
+    use earthshine_world::{Rgb, Vec3};
+
+    #[test]
+    fn materials_emit_where_triangles_have_them() {
+        let mut scene = scene_of(quad(Vec3::ZERO, Vec3::Z, Vec3::X).to_vec());
+        assert!(!has_emitters(&scene));
+        let lamp = Material { emitted_radiance: Rgb::X, ..scene.materials[0].clone() };
+        scene.materials.push(lamp);
+        assert!(!has_emitters(&scene), "nothing is a lamp");
+        let spare = SceneContent::new(&scene).lamps;
+        scene.material_of[1] = 1;
+        assert!(has_emitters(&scene));
+        assert_ne!(SceneContent::new(&scene).lamps, spare);
+    }
 }

@@ -18,14 +18,15 @@ use crate::inquiry::{Inquiry, Question};
 use crate::layers::layers_of;
 use crate::patches::{BakePatch, PatchSet};
 use crate::receivers::thin;
-use crate::rows::{RawRow, RayEnd, RowCaster};
-use crate::sample::{SurfaceSample, side_of, voxel_of};
+use crate::rows::{RawRow, RowCaster};
+use crate::sample::{SurfaceSample, voxel_of};
 use crate::spread::Spread;
 use earthshine_tiles::BakeParameters;
 use earthshine_trace::ends::RunEnds;
 use earthshine_world::random::{Purpose, hash, unit_f32};
 use earthshine_world::{DetailVoxel, Direction, Patch, ReceiverPlace, SurfacePlane, Vec3, VoxelCoord};
 use glam::IVec3;
+use std::collections::BTreeMap;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// The detail voxel that a place on a surface belongs to, in the grid of detail voxels: one of `voxel`, even if the place
@@ -78,10 +79,13 @@ pub(crate) struct ChunkDetail {
 #[derive(Debug)]
 pub(crate) struct DetailPart {
     pub(crate) place: ReceiverPlace,
-    part: BakePatch,
-    /// The sides of triangles that it consists of, ascending ([`piece_of`]).
-    pieces: Vec<u32>,
+    pub(crate) part: BakePatch,
+    pieces: Pieces,
 }
+
+/// The sides of triangles that a layer consists of, ascending ([`piece_of`]), and which share of each lies in it and not in
+/// another one; `None` for the only layer.
+type Pieces = Option<Vec<(u32, f32)>>;
 
 /// A part that asks a device for the ends of its rays.
 #[derive(Debug)]
@@ -132,11 +136,12 @@ impl<'a> DetailBake<'a> {
         };
         let mut parts = Vec::new();
         for layers in found.patches.chunk_by(is_same) {
-            let part = |(layer, part): (u8, &BakePatch)| {
+            let pieces = self.pieces(layers, &samples);
+            let part = |((layer, part), pieces): ((u8, &BakePatch), Pieces)| {
                 let place = self.place(part, layer, &samples)?;
-                Some(DetailPart { place, part: part.clone(), pieces: self.pieces(part, &samples) })
+                Some(DetailPart { place, part: part.clone(), pieces })
             };
-            parts.extend((0..).zip(layers).filter_map(part));
+            parts.extend((0..).zip(layers).zip(pieces).filter_map(part));
         }
         parts.sort_by_key(|part| part.place.order());
         let exposures = samples.iter().map(|sample| sample.exposure.word());
@@ -148,46 +153,11 @@ impl<'a> DetailBake<'a> {
     pub(crate) fn row(&self, of: &DetailPart) -> RawRow {
         let spread = self.spread(of);
         let row = if self.is_beside_crevice(of) {
-            self.cast_in_crevice(of, &spread)
+            self.row_in_crevice(of, &spread)
         } else {
             self.caster.cast(&of.part, &spread, 0..self.rays())
         };
         self.finished(row, of)
-    }
-
-    /// Whether hits count by how open they are; no device knows that.
-    pub(crate) fn is_beside_crevice(&self, of: &DetailPart) -> bool {
-        self.crevices.are_beside(of.part.patch.voxel)
-    }
-
-    /// The row of `of` as [`RowCaster::cast`] makes it, but that hits on what patches leave out count less.
-    fn cast_in_crevice(&self, of: &DetailPart, spread: &Spread) -> RawRow {
-        let (caster, run) = (&self.caster, 0..self.rays());
-        let share = 1.0 / run.len() as f32;
-        let mut row = RawRow { rays: self.rays(), ..RawRow::default() };
-        for ray in run.clone() {
-            let (origin, direction) = caster.ray(&of.part, spread, &run, ray);
-            let Some(hit) = caster.tracer.closest(origin, direction, f32::INFINITY) else {
-                row.add(&RayEnd::Sky, direction, share);
-                continue;
-            };
-            let position = origin + direction * hit.distance;
-            let owners = caster.owners(&hit, position);
-            let glows =
-                |&(patch, _): &(u32, f32)| patch != PatchSet::NONE && emits(caster.set, patch as usize);
-            let count = if owners.as_ref().is_some_and(|owners| owners.iter().any(glows)) {
-                1.0
-            } else {
-                let normal = caster.tracer.tracer().normal(&hit);
-                let voxel = voxel_of(position, normal, caster.parameters.grid.voxel_edge_m);
-                let at = detail_voxel_of(voxel, position, normal, caster.parameters);
-                self.crevices.count(side_of(hit.triangle, hit.front), at)
-            };
-            row.add(&RayEnd::Surface(owners), direction, share * count);
-            row.absorbed += share * (1.0 - count);
-        }
-        row.merge();
-        row
     }
 
     /// The same for a device to count the ends of.
@@ -197,18 +167,18 @@ impl<'a> DetailBake<'a> {
         PartInquiry { bake: *self, of, row }
     }
 
-    fn rays(&self) -> u32 {
+    pub(crate) fn rays(&self) -> u32 {
         self.caster.parameters.detail_rays
     }
 
     /// Other random numbers than those of the patch with the same coordinates.
-    fn spread(&self, of: &DetailPart) -> Spread {
+    pub(crate) fn spread(&self, of: &DetailPart) -> Spread {
         let BakeParameters { seed, detail_rays, method, .. } = *self.caster.parameters;
         Spread::new(method.spread, detail_rays, seed, !of.part.key)
     }
 
     /// What becomes of the `row` that rays of `of` say: with what emitters say, and no longer than it may be.
-    fn finished(&self, mut row: RawRow, of: &DetailPart) -> RawRow {
+    pub(crate) fn finished(&self, mut row: RawRow, of: &DetailPart) -> RawRow {
         let BakeParameters { seed, detail_columns, .. } = *self.caster.parameters;
         let emitted = emitted_to(self.emitted, of, self.caster.parameters);
         self.with_emitters(&mut row, of.part.patch.area, &emitted);
@@ -257,16 +227,24 @@ impl<'a> DetailBake<'a> {
         self.caster.set.patches[patch as usize].patch.area
     }
 
-    /// The sides of triangles that `part` of `samples` consists of.
-    fn pieces(&self, part: &BakePatch, samples: &[SurfaceSample]) -> Vec<u32> {
+    /// What each of `layers`, made of `samples`, has of sides of triangles.
+    fn pieces(&self, layers: &[BakePatch], samples: &[SurfaceSample]) -> Vec<Pieces> {
+        if layers.len() == 1 {
+            return vec![None];
+        }
         let scene = self.caster.tracer.tracer().scene();
-        let mut sides: Vec<u32> =
-            part.samples.iter().map(|&(sample, _)| samples[sample as usize].side).collect();
-        sides.sort_unstable();
-        sides.dedup();
-        let mut pieces: Vec<u32> = sides.into_iter().map(|side| piece_of(scene, side)).collect();
-        pieces.sort_unstable();
-        pieces
+        let areas = |layer: &BakePatch| {
+            let mut areas: BTreeMap<u32, f32> = BTreeMap::new();
+            for (sample, area) in areas_of(layer) {
+                *areas.entry(piece_of(scene, samples[sample as usize].side)).or_default() += area;
+            }
+            areas
+        };
+        let by_layer: Vec<BTreeMap<u32, f32>> = layers.iter().map(areas).collect();
+        let mut whole: BTreeMap<u32, f32> = BTreeMap::new();
+        by_layer.iter().flatten().for_each(|(&piece, area)| *whole.entry(piece).or_default() += area);
+        let share = |(piece, area): (u32, f32)| (piece, area / whole[&piece].max(f32::MIN_POSITIVE));
+        by_layer.into_iter().map(|areas| Some(areas.into_iter().map(share).collect())).collect()
     }
 
     /// Where the receiver of `part`, made of `samples`, is; `None` where its voxel has no patch.
@@ -277,12 +255,7 @@ impl<'a> DetailBake<'a> {
         let BakePatch { patch: Patch { voxel: coord, direction, centroid, .. }, .. } = *part;
         let voxel = coord.div_euclid(IVec3::splat(detail));
         let has_patch = self.caster.set.of_voxel(voxel)[direction.index()] != PatchSet::NONE;
-        let before = std::iter::once(0.0).chain(part.samples.iter().map(|&(_, cumulated)| cumulated));
-        let normal = part
-            .samples
-            .iter()
-            .zip(before)
-            .map(|(&(sample, cumulated), before)| samples[sample as usize].normal * (cumulated - before));
+        let normal = areas_of(part).map(|(sample, area)| samples[sample as usize].normal * area);
         let normal = normal.sum::<Vec3>().normalize_or(direction.vector());
         let from_middle = centroid / edge_m - (coord.as_vec3() + 0.5);
         let plane = SurfacePlane::new(normal, from_middle.dot(normal));
@@ -291,12 +264,23 @@ impl<'a> DetailBake<'a> {
     }
 }
 
-/// Of `emitted`: what is of the detail voxel, the direction and the pieces of `of`.
+/// The samples of `part`, and how much of its area each is, m2.
+fn areas_of(part: &BakePatch) -> impl Iterator<Item = (u32, f32)> {
+    let before = std::iter::once(0.0).chain(part.samples.iter().map(|&(_, cumulated)| cumulated));
+    part.samples.iter().zip(before).map(|(&(sample, cumulated), before)| (sample, cumulated - before))
+}
+
+/// Of `emitted`: what is of the detail voxel, the direction and, where it has other layers, the pieces of `of`.
 fn emitted_to(emitted: &[FromEmitter], of: &DetailPart, parameters: &BakeParameters) -> Vec<FromEmitter> {
     let id = detail_id(of.part.patch.voxel, of.part.patch.direction, parameters);
     let first = emitted.partition_point(|from| from.detail < id);
     let of_voxel = emitted[first..].iter().take_while(|from| from.detail == id);
-    of_voxel.filter(|from| of.pieces.binary_search(&from.piece).is_ok()).copied().collect()
+    let Some(pieces) = &of.pieces else { return of_voxel.copied().collect() };
+    let own = |from: &FromEmitter| {
+        let at = pieces.binary_search_by_key(&from.piece, |piece| piece.0).ok()?;
+        Some(FromEmitter { share: from.share * pieces[at].1, ..*from })
+    };
+    of_voxel.filter_map(own).collect()
 }
 
 /// What a row sees of all emitters, if its own rays say `own` and theirs say `theirs`, a first guess is `guess`, and the

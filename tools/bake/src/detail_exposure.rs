@@ -5,7 +5,7 @@
 //! less. What is near for a voxel of four metres, the foot of a wall beside a parked car, is a place of its own there. So
 //! what is hidden is asked again, with what is near for its detail voxel.
 //!
-//! And few paths find the light that comes into a dark cavity. Where one point of a piece found some, the others are hidden
+//! And few paths find the light that comes into a dark cavity. Where one point of a piece found some so, the others are hidden
 //! there, not buried ([`crate::buried`]): whoever looks at them reads their own light, and not that of the voxel's patch.
 
 use crate::buried::reached;
@@ -38,7 +38,7 @@ pub(crate) fn expose(samples: &mut [SurfaceSample], caster: &RowCaster<'_>) {
     });
 }
 
-/// Says that those of `samples` are hidden that are buried in a piece that light comes to; `in_voxels` are the same points,
+/// Says that those of `samples` are hidden that are buried in a piece to which paths found light; `in_voxels` are the same points,
 /// with their voxels.
 pub(crate) fn reach<'s, I: Iterator<Item = &'s SurfaceSample>>(
     samples: &mut [SurfaceSample],
@@ -106,7 +106,7 @@ mod tests {
 
     #[test]
     fn what_shares_a_piece_with_light_is_hidden_and_not_buried() {
-        let point = |side: u32, exposure: Exposure| SurfaceSample {
+        let point_of = |side: u32, exposure: Exposure, is_suspect: bool| SurfaceSample {
             position: Vec3::ZERO,
             normal: Vec3::Y,
             side,
@@ -115,14 +115,21 @@ mod tests {
             reflectance: Rgb::ONE,
             emission: Rgb::ZERO,
             exposure,
-            is_suspect: true,
+            is_suspect,
         };
+        let point = |side: u32, exposure: Exposure| point_of(side, exposure, true);
         let (open, buried) = (Exposure::Open(0.5), Exposure::Buried);
-        let in_voxels = [point(1, buried), point(1, open), point(3, buried), point(5, open)];
+        // Of the last side one point lies outside of what the other is inside of.
+        let outside = point_of(7, open, false);
+        let in_voxels =
+            [point(1, buried), point(1, open), point(3, buried), point(5, open), point(7, buried), outside];
         // Detail voxels of their own do not part them.
         let mut samples = in_voxels;
         samples[0].voxel = VoxelCoord::X;
         reach(&mut samples, || in_voxels.iter());
-        assert_eq!(samples.map(|sample| sample.exposure), [Exposure::Hidden, open, buried, open]);
+        assert_eq!(
+            samples.map(|sample| sample.exposure),
+            [Exposure::Hidden, open, buried, open, buried, open]
+        );
     }
 }

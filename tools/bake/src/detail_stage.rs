@@ -6,6 +6,7 @@
 
 use crate::BakeError;
 use crate::changes::Changes;
+use crate::content::has_emitters;
 use crate::crevices::Crevices;
 use crate::detail::{ChunkDetail, DetailBake, DetailPart};
 use crate::emitted::{EmittedFiles, emitter_rays};
@@ -24,7 +25,6 @@ use crate::words::{Reader, Writer};
 use crate::work_folder::{Kind, Stale, Stamp};
 use earthshine_tiles::{BakeParameters, PatchBuilder};
 use earthshine_world::{DetailVoxel, Direction, Grid, ReceiverPlace, SurfacePlane, VoxelCoord};
-use rayon::prelude::*;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Rows are numbered by `u16` in row files.
@@ -48,7 +48,9 @@ pub(crate) fn trace(run: &mut Run<'_>, known: &Known<'_>) -> Result<(), BakeErro
     run.progress.begin(Stage::Detail, set.len() as u64);
     let (emitted, emitter_cast) = EmittedFiles::trace(run, known)?;
     let emitter_rays = emitter_rays(set, parameters);
-    let key = xxh3_64(bytemuck::bytes_of(&[known.key, u64::from(emitter_rays), PAYLOAD_VERSION]));
+    // What is buried in its piece hangs on it.
+    let emits = u64::from(has_emitters(known.tracer.scene()));
+    let key = xxh3_64(bytemuck::bytes_of(&[known.key, u64::from(emitter_rays), emits, PAYLOAD_VERSION]));
     let chunks: Vec<[i32; 3]> = set.chunks.keys().copied().collect();
     let done = for_all(&run.visits(set), |number| {
         let chunk = chunks[number];
@@ -105,7 +107,8 @@ fn renewed(known: &Known<'_>, bake: &DetailBake<'_>, parts: &[DetailPart], kept:
         let (beside, open): (Vec<usize>, Vec<usize>) =
             wanted.iter().partition(|&&part| bake.is_beside_crevice(&parts[part]));
         let counted = count_all(known.offload, &open, inquiry, on_cpu, &|| ());
-        let cast: Vec<RawRow> = beside.par_iter().map(|&part| on_cpu(part)).collect();
+        let of_beside: Vec<&DetailPart> = beside.iter().map(|&part| &parts[part]).collect();
+        let cast = bake.rows_in_crevices(&of_beside, known.offload);
         let mut rows: Vec<(usize, RawRow)> =
             open.into_iter().zip(counted).chain(beside.into_iter().zip(cast)).collect();
         rows.sort_unstable_by_key(|row| row.0);

@@ -14,6 +14,7 @@ use crate::detail::{detail_id, detail_voxel_of};
 use crate::estimator::{emits, emitter_factor};
 use crate::eye::Eye;
 use crate::inquiry::QUESTION_RAYS;
+use crate::memory;
 use crate::offload::Offload;
 use crate::patches::PatchSet;
 use crate::rows::{RAY_OFFSET, RowCaster};
@@ -83,6 +84,7 @@ impl EmittedFiles {
         let has_emitters = |range: &Range<u32>| range.clone().any(|patch| emits(set, patch as usize));
         let chunks: Vec<[i32; 3]> =
             set.chunks.iter().filter(|(_, range)| has_emitters(range)).map(|(&chunk, _)| chunk).collect();
+        check_memory(run, known, rays)?;
         let key = xxh3_64(bytemuck::bytes_of(&[known.key, u64::from(rays)]));
         let done = for_all(&visits(run.options.shard, &chunks), |number| {
             let chunk = chunks[number];
@@ -145,32 +147,63 @@ impl EmittedFiles {
     }
 }
 
+/// Refuses to take more than the limit for what all emitters see, each by `rays`, beside what is there.
+fn check_memory(run: &Run<'_>, known: &Known<'_>, rays: u32) -> Result<(), BakeError> {
+    let (set, scene, parameters) = (known.set, known.tracer.scene(), run.parameters());
+    let count = |range: &Range<u32>| range.clone().filter(|&patch| emits(set, patch as usize)).count() as u64;
+    let emitters: Vec<u64> = set.chunks.values().map(count).collect();
+    let of_emitters = memory::of_emitters(scene, parameters, rays, emitters);
+    let needed = run.summary.memory_estimate_bytes + of_emitters;
+    run.options.memory.check(needed, "the scene and what its emitters see", parameters.grid.voxel_edge_m)
+}
+
 /// Of a file: emitter, detail voxel, piece, share.
 type Entry = (u32, u32, u32, f32);
+
+/// What one emitter sees: entries by chunk, both ascending.
+type Entries = Vec<([i32; 3], Vec<Entry>)>;
 
 /// The payload of the file of `caster`'s chunk.
 fn encode(caster: &RowCaster<'_>, offload: &Offload<'_>, emitters: &[u32], rays: u32) -> Vec<u8> {
     let grid = &caster.parameters.grid;
-    let seen: Vec<Shares> =
-        emitters.par_iter().map(|&emitter| shares_of(caster, offload, emitter, rays)).collect();
-    let mut sections: BTreeMap<[i32; 3], Vec<Entry>> = BTreeMap::new();
-    for (&emitter, shares) in emitters.iter().zip(seen) {
+    payload_of(emitters, |emitter| {
         let id = u32::from(caster.set.stable_id(emitter, grid));
-        for ((chunk, detail, piece), share) in shares {
-            sections.entry(chunk).or_default().push((id, detail, piece, share));
+        entries_of(id, shares_of(caster, offload, emitter, rays))
+    })
+}
+
+/// The payload of what `emitters` see, by `seen`. A map of shares takes three times its entries, so only so many emitters as
+/// there are threads are at work at once, and each leaves nothing but entries. The order is theirs, however many there are.
+fn payload_of(emitters: &[u32], seen: impl Fn(u32) -> Entries + Sync) -> Vec<u8> {
+    let mut sections: BTreeMap<[i32; 3], Vec<Vec<Entry>>> = BTreeMap::new();
+    for batch in emitters.chunks(rayon::current_num_threads()) {
+        let done: Vec<Entries> = batch.par_iter().map(|&emitter| seen(emitter)).collect();
+        for (chunk, entries) in done.into_iter().flatten() {
+            sections.entry(chunk).or_default().push(entries);
         }
     }
-    let mut out = Writer::default();
+    let count: usize = sections.values().flatten().map(Vec::len).sum();
+    let bytes = 4 + sections.len() * SECTION_BYTES as usize + count * ENTRY_BYTES as usize;
+    let mut out = Writer(Vec::with_capacity(bytes));
     out.u32(sections.len() as u32);
     for (chunk, entries) in &sections {
         out.i32s(*chunk);
-        out.u32(entries.len() as u32);
+        out.u32(entries.iter().map(Vec::len).sum::<usize>() as u32);
     }
-    for (id, detail, piece, share) in sections.into_values().flatten() {
+    for (id, detail, piece, share) in sections.into_values().flatten().flatten() {
         out.u32s([id, detail, piece]);
         out.f32s([share]);
     }
     out.0
+}
+
+/// `shares` of the emitter `id`, in lists that take no more than they hold.
+fn entries_of(id: u32, shares: Shares) -> Entries {
+    let all: Vec<_> = shares.into_iter().collect();
+    let entry = |&((_, detail, piece), share): &(([i32; 3], u32, u32), f32)| (id, detail, piece, share);
+    all.chunk_by(|before, after| before.0.0 == after.0.0)
+        .map(|part| (part[0].0.0, part.iter().map(entry).collect()))
+        .collect()
 }
 
 /// Shares by chunk, [`detail_id`] and [`piece_of`].
@@ -240,5 +273,51 @@ impl FileIndex {
             at = end;
         }
         (at == payload.len() as u64).then_some(Self { seen, sections })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of emitter `id`: to two chunks, one of which all see.
+    fn shares(id: u32) -> Shares {
+        let own = [id.cast_signed() % 3, 0, 0];
+        let to =
+            |chunk: [i32; 3], detail: u32, piece: u32| ((chunk, detail, piece), (id + detail + piece) as f32);
+        Shares::from([to(own, 7, 1), to([9, 0, -1], 4, 2), to(own, 7, 0), to(own, 2, 5)])
+    }
+
+    #[test]
+    fn the_payload_does_not_hang_on_threads() {
+        let emitters: Vec<u32> = (10..33).collect();
+        let mut sections: BTreeMap<[i32; 3], Vec<Entry>> = BTreeMap::new();
+        for &id in &emitters {
+            for ((chunk, detail, piece), share) in shares(id) {
+                sections.entry(chunk).or_default().push((id, detail, piece, share));
+            }
+        }
+        let mut expected = Writer::default();
+        expected.u32(sections.len() as u32);
+        for (chunk, entries) in &sections {
+            expected.i32s(*chunk);
+            expected.u32(entries.len() as u32);
+        }
+        for (id, detail, piece, share) in sections.into_values().flatten() {
+            expected.u32s([id, detail, piece]);
+            expected.f32s([share]);
+        }
+        for threads in [1, 2, 5, 40] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let payload = pool.install(|| payload_of(&emitters, |id| entries_of(id, shares(id))));
+            assert!(payload == expected.0, "{threads} threads");
+            assert_eq!(FileIndex::of(&payload, 0).unwrap().sections.len(), 4);
+        }
+    }
+
+    #[test]
+    fn the_payload_of_none_is_empty() {
+        let payload = payload_of(&[], |id| entries_of(id, Shares::new()));
+        assert!(FileIndex::of(&payload, 0).unwrap().sections.is_empty());
     }
 }

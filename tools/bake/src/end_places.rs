@@ -85,6 +85,7 @@ fn buried_ends(
     let open: Vec<Vec<[i32; 3]>> =
         sides.par_iter().map(|pieces| open_voxels(scene, pieces, parameters.grid.voxel_edge_m)).collect();
     let mut here: BTreeMap<[i32; 3], BuriedHere> = BTreeMap::new();
+    let mut in_places = Vec::new();
     for (pieces, open) in sides.into_iter().zip(open) {
         let side = pieces[0].side as usize;
         let triangle = &mut triangles[side / 2];
@@ -95,7 +96,15 @@ fn buried_ends(
         triangle.buried[side % 2] = Buried::InPlaces;
         let bit = 1u8 << EndTriangle::main_direction(side_normal(scene, side)).index();
         pieces.iter().for_each(|piece| here.entry(piece.voxel).or_default().buried |= bit);
-        open.into_iter().for_each(|voxel| here.entry(voxel).or_default().open |= bit);
+        in_places.push((bit, open));
+    }
+    // Only where something that faces that way is buried does anybody ask what else is open.
+    for (bit, open) in in_places {
+        for voxel in open {
+            if let Some(found) = here.get_mut(&voxel).filter(|found| found.buried & bit != 0) {
+                found.open |= bit;
+            }
+        }
     }
     here
 }
@@ -174,6 +183,8 @@ mod tests {
         let of_kind =
             |kind| places.triangles.iter().flat_map(|of| of.buried).filter(|of| *of == kind).count();
         assert!(of_kind(Buried::Everywhere) > 4 && of_kind(Buried::InPlaces) > 4);
+        let is_asked = |of: &EndVoxel| of.buried.open & !of.buried.buried == 0;
+        assert!(places.voxels.iter().all(is_asked), "open, with nothing buried that faces that way");
         let caster = RowCaster::of_world(&tracer, &surfaces, &parameters);
         let (mut absorbed, mut unknown, mut landed) = (0, 0, 0);
         for ray in 0..20_000 {

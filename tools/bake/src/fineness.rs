@@ -11,12 +11,12 @@ use crate::clip::clip_to_grid;
 use crate::exposure::Exposure;
 use crate::memory::{MemoryLimit, Trees};
 use crate::rows::{patch_key, voxel_of_key};
-use crate::sample::{EVERYWHERE, OFF_SURFACE, SurfaceSample, sample_triangle, side_weights};
+use crate::sample::{EVERYWHERE, OFF_SURFACE, SurfaceSample, sample_triangle, side_of, side_weights};
 use earthshine_scene::Scene;
 use earthshine_tiles::BakeParameters;
 use earthshine_trace::SceneTracer;
 use earthshine_world::random::{Purpose, hash};
-use earthshine_world::{ChunkCoord, Grid, Rgb, Vec3};
+use earthshine_world::{ChunkCoord, Grid, Vec3};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::ops::RangeInclusive;
@@ -32,6 +32,12 @@ const POINTS_ASKED: usize = 8;
 const SEARCHED_TRIANGLES_MAX: usize = 2_000_000;
 /// Times the wanted patches that may be found, buried ones among them, before an edge counts as far too fine.
 const EXCESS: f64 = 16.0;
+/// Above so many places the excess shrinks: all counts of landscapes stay below some 50 MB, whatever a bake may take.
+const PLACES_MAX: f64 = 1_800_000.0;
+/// Down to this: slanted surfaces fill several voxels a face, and half of their sides may be buried.
+const EXCESS_MIN: f64 = 4.0;
+/// Places that a thread keeps before it hands them in: one triangle may cover a whole landscape.
+const PLACES_KEPT: usize = 1 << 14;
 /// Faces of voxels that surfaces would fill for each place that may be found: with more, nothing is cut to pieces.
 const FACES_A_PLACE_MAX: f64 = 64.0;
 /// Steps towards the edge that is wanted.
@@ -92,10 +98,11 @@ impl<'a> PatchCounter<'a> {
         // Both sides of all surfaces, in squares. Never much finer: what is buried is not nearly all.
         let start = within((2.0 * self.scene.surface_area() / patches).sqrt());
         let finest = within(start / 4.0);
+        let most = most_places(patches);
         let mut edge = start;
         for _ in 0..STEPS {
-            let factor = match self.patches_at(edge as f32, EXCESS * patches) {
-                None => EXCESS.sqrt(),
+            let factor = match self.patches_at(edge as f32, most) {
+                None => (most / patches).sqrt(),
                 // Surfaces: patches go with the square of the edge.
                 Some(found) => (found.count / patches).sqrt(),
             };
@@ -107,7 +114,7 @@ impl<'a> PatchCounter<'a> {
             }
         }
         let voxel_edge_m = three_digits(edge) as f32;
-        EdgeGuess { voxel_edge_m, patches: self.patches_at(voxel_edge_m, EXCESS * patches) }
+        EdgeGuess { voxel_edge_m, patches: self.patches_at(voxel_edge_m, most) }
     }
 
     /// About how many patches a voxel edge of `edge_m` makes; `None` for more than `most`, buried ones among them.
@@ -140,7 +147,7 @@ impl<'a> PatchCounter<'a> {
             let material = &materials[of as usize];
             let sides = if material.double_sided { 2.0 } else { 1.0 };
             let area = 0.5 * f64::from((b - a).cross(c - a).length());
-            if material.emitted_radiance == Rgb::ZERO { 0.0 } else { sides * area }
+            if material.emits() { sides * area } else { 0.0 }
         };
         triangles.iter().zip(material_of).map(area).sum()
     }
@@ -151,17 +158,29 @@ impl<'a> PatchCounter<'a> {
         if faces > FACES_A_PLACE_MAX * most as f64 {
             return None;
         }
-        let found = Mutex::new(HashSet::new());
+        let found = Mutex::new(HashSet::<u64>::new());
+        // Beyond too many none is kept.
+        let hand_in = |own: &mut HashSet<u64>| {
+            let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
+            if found.len() <= most {
+                found.extend(own.drain());
+            }
+            own.clear();
+            found.len() <= most
+        };
         let triangles = self.scene.triangles.len();
         let batches = (0..triangles.div_ceil(BATCH)).into_par_iter();
         batches.try_for_each(|batch| {
             let mut own = HashSet::new();
             for triangle in batch * BATCH..((batch + 1) * BATCH).min(triangles) {
-                self.places_of(triangle, edge_m, &mut own);
+                self.places_of(triangle, edge_m, |place| {
+                    own.insert(place);
+                    if own.len() >= PLACES_KEPT {
+                        hand_in(&mut own);
+                    }
+                });
             }
-            let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
-            found.extend(own);
-            (found.len() <= most).then_some(())
+            hand_in(&mut own).then_some(())
         })?;
         let found = found.into_inner().unwrap_or_else(PoisonError::into_inner);
         let mut places: Vec<u64> = found.into_iter().collect();
@@ -169,24 +188,31 @@ impl<'a> PatchCounter<'a> {
         Some(places)
     }
 
-    fn places_of(&self, triangle: usize, edge_m: f32, places: &mut HashSet<u64>) {
+    fn places_of(&self, triangle: usize, edge_m: f32, mut each: impl FnMut(u64)) {
         let material = &self.scene.materials[self.scene.material_of[triangle] as usize];
         let normal = self.scene.normal(triangle);
         let sides: &[f32] =
             if self.parameters.two_sided || material.double_sided { &[1.0, -1.0] } else { &[1.0] };
         for &side in sides {
             let side_normal = normal * side;
-            // What emits is a patch of its own.
-            let emits = material.emitted_radiance != Rgb::ZERO && (side > 0.0 || material.double_sided);
-            let apart = if emits { usize::from(EMITTER_ORDINALS) } else { 0 };
+            let apart = self.apart(triangle, side > 0.0);
             let shifted =
                 self.scene.triangles[triangle].map(|corner| corner + side_normal * (OFF_SURFACE * edge_m));
             let faced = side_weights(self.parameters.weights, side_normal);
             clip_to_grid(shifted, edge_m, |voxel, _| {
-                let faced = faced.iter().filter(|(_, weight)| *weight > 0.0);
-                places.extend(faced.map(|(direction, _)| patch_key(voxel, direction.index() + apart)));
+                for (direction, _) in faced.iter().filter(|(_, weight)| *weight > 0.0) {
+                    each(patch_key(voxel, direction.index() + apart));
+                }
             });
         }
+    }
+
+    /// What ordinals of a side of `triangle` grow by: what emits is a patch of its own. By its material alone: a place knows no
+    /// texels, and its points must be found under its key however dark a texture is there.
+    fn apart(&self, triangle: usize, front: bool) -> usize {
+        let material = &self.scene.materials[self.scene.material_of[triangle] as usize];
+        let emits = material.emits() && (front || material.double_sided);
+        if emits { usize::from(EMITTER_ORDINALS) } else { 0 }
     }
 
     /// Share of `places` that have a point which is not buried, nor a hole.
@@ -230,8 +256,7 @@ impl<'a> PatchCounter<'a> {
                     sample_triangle(self.scene, triangle, parameters, EVERYWHERE, |sample| {
                         let faced = side_weights(parameters.weights, sample.normal);
                         let faced = faced.iter().filter(|(_, weight)| *weight > 0.0);
-                        let apart =
-                            if sample.emission == Rgb::ZERO { 0 } else { usize::from(EMITTER_ORDINALS) };
+                        let apart = self.apart(triangle, sample.side == side_of(triangle, true));
                         let of_sample = faced.map(|(way, _)| patch_key(sample.voxel, way.index() + apart));
                         found.extend(of_sample.filter(|key| asked.contains(key)).map(|key| (key, sample)));
                     });
@@ -251,10 +276,19 @@ impl<'a> PatchCounter<'a> {
     }
 }
 
+/// Most places that are counted on the way to so many patches.
+fn most_places(patches: f64) -> f64 {
+    (EXCESS * patches).min(PLACES_MAX).max(EXCESS_MIN * patches)
+}
+
 /// Some of `places`, drawn by `seed`.
 fn drawn(mut places: Vec<u64>, seed: u64) -> HashSet<u64> {
-    places.sort_by_cached_key(|&key| hash(seed, Purpose::BuriedTest, key, 0));
-    places.truncate(PLACES_ASKED);
+    if places.len() > PLACES_ASKED {
+        // In place: there may be millions.
+        let order = |&key: &u64| (hash(seed, Purpose::BuriedTest, key, 0), key);
+        places.select_nth_unstable_by_key(PLACES_ASKED, order);
+        places.truncate(PLACES_ASKED);
+    }
     places.into_iter().collect()
 }
 
@@ -269,7 +303,50 @@ mod tests {
     use super::*;
     use crate::memory::of_trees;
     use crate::test_shapes::{boxed, quad, scene_of};
-    use earthshine_world::Vec3;
+    use earthshine_scene::{Texture, Wrap};
+    use earthshine_world::Rgb;
+
+    /// Goal: a texture that leaves a lamp dark does not bury it. Method: a room's floor with and without such a lamp's material,
+    /// at an edge at which all places are asked.
+    #[test]
+    fn what_a_texture_leaves_dark_is_counted_as_what_does_not_emit() {
+        let plain = scene_of(quad(Vec3::splat(-4.0), Vec3::Z * 8.0, Vec3::X * 8.0).to_vec());
+        let mut dark = plain.clone();
+        let texture = Texture {
+            width: 1,
+            height: 1,
+            texels: vec![[0, 0, 0, 255]],
+            wrap: [Wrap::Repeat; 2],
+            nearest: true,
+            transform: Texture::IDENTITY,
+        };
+        dark.textures.push(texture);
+        dark.materials[0].emitted_radiance = Rgb::ONE;
+        dark.materials[0].emissive_texture = Some(0);
+        let parameters = BakeParameters { two_sided: false, ..BakeParameters::default() };
+        let counted = |scene: &Scene| {
+            PatchCounter::new(scene, &parameters).patches_at(1.0, 1e6).expect("few patches").count
+        };
+        assert!(counted(&plain) > 60.0, "{}", counted(&plain));
+        assert_eq!(counted(&dark), counted(&plain));
+    }
+
+    #[test]
+    fn large_triangles_are_counted_in_pieces_up_to_the_limit() {
+        let scene = scene_of(quad(Vec3::ZERO, Vec3::Z * 200.0, Vec3::X * 200.0).to_vec());
+        let parameters = BakeParameters { two_sided: false, ..BakeParameters::default() };
+        let counter = PatchCounter::new(&scene, &parameters);
+        let places = counter.places(1.0, 100_000).expect("fewer places").len();
+        assert!((39_900..41_000).contains(&places), "{places}");
+        assert_eq!(counter.places(1.0, places).map(|found| found.len()), Some(places));
+        assert_eq!(counter.places(1.0, places - 1), None);
+    }
+
+    #[test]
+    fn many_patches_leave_room_for_less_excess() {
+        let most = [13_000.0, 400_000.0, 1e9].map(most_places);
+        assert_eq!(most, [208_000.0, 1_800_000.0, 4e9]);
+    }
 
     #[test]
     fn a_smaller_tree_counts_the_same_and_none_takes_nothing_for_buried() {

@@ -36,6 +36,7 @@ pub mod content;
 mod counted_exposure;
 mod counted_receivers;
 mod counted_rows;
+mod crevice_rows;
 mod crevices;
 mod detail;
 mod detail_exposure;

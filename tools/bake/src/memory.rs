@@ -6,6 +6,7 @@
 
 use crate::BakeError;
 use crate::cells::Cells;
+use crate::inquiry::QUESTION_RAYS;
 use earthshine_scene::Scene;
 use earthshine_tiles::BakeParameters;
 
@@ -21,6 +22,15 @@ const PLACEMENT_BYTES: u64 = 400;
 const PATCH_BYTES: u64 = 176;
 /// A sample at work: itself, its share in up to three patches, and their sorting.
 const SAMPLE_BYTES: u64 = 200;
+/// Entries that a ray of an emitter makes: up to three, one a direction that the surface leans to, but none where it ends in
+/// the sky or beside another. In a town, 0.6 at most.
+const ENTRIES_A_RAY: u64 = 1;
+/// An entry in the map of an emitter at work: a key of 20 bytes and a share of 4, in nodes that are half empty at worst.
+const SHARE_BYTES: u64 = 48;
+/// An entry of a chunk whose emitters are at work: 16 bytes in a list, and 16 in the payload that lists are written to.
+const EMITTED_BYTES: u64 = 32;
+/// A ray of a question on its way: itself, and what it meets first.
+const QUERY_BYTES: u64 = 40;
 /// The program, and what its allocator holds back.
 const BASE_BYTES: u64 = 64 << 20;
 
@@ -85,6 +95,26 @@ pub(crate) fn of_trees(scene: &Scene, trees: Trees) -> u64 {
 pub fn of_patches(patches: u64, chunk_samples_max: u64) -> u64 {
     let threads = rayon::current_num_threads() as u64;
     patches * PATCH_BYTES + threads * chunk_samples_max * SAMPLE_BYTES
+}
+
+/// Bytes that it takes to find out what emitters see of detail voxels by `rays` each, if chunks have so many `emitters`: a map
+/// a thread, and the entries of the chunks at work, one a thread, taken for those with most emitters.
+pub(crate) fn of_emitters(
+    scene: &Scene,
+    parameters: &BakeParameters,
+    rays: u32,
+    mut emitters: Vec<u64>,
+) -> u64 {
+    let threads = rayon::current_num_threads();
+    emitters.sort_unstable_by(|a, b| b.cmp(a));
+    let (all, at_work): (u64, u64) = (emitters.iter().sum(), emitters.iter().take(threads).sum());
+    // Rays that end in one place share an entry. Nobody sees all sides of all surfaces, which makes up for detail voxels that
+    // surfaces only graze.
+    let places = faces(scene, parameters) * f64::from(parameters.detail).powi(2);
+    let sides = 2 * scene.triangles.len() as u64;
+    let entries = ENTRIES_A_RAY * u64::from(rays).min(places as u64 + sides);
+    let of_questions = u64::from(rays).min(QUESTION_RAYS as u64) * QUERY_BYTES;
+    (threads as u64).min(all) * (entries * SHARE_BYTES + of_questions) + at_work * entries * EMITTED_BYTES
 }
 
 /// Most samples of a bake that keeps them all: about 20 GiB.
@@ -176,6 +206,22 @@ mod tests {
         let chosen = |bytes| MemoryLimit(bytes).trees_alone(&scene);
         assert_eq!((chosen(None), chosen(Some(one))), (Some(Trees::One), Some(Trees::One)));
         assert_eq!((chosen(Some(of_meshes)), chosen(Some(of_meshes - 1))), (Some(Trees::OfMeshes), None));
+    }
+
+    #[test]
+    fn emitters_count_by_what_their_rays_may_find() {
+        let scene = crate::test_shapes::ball(10.0, 40, 40);
+        let parameters = BakeParameters { detail: 4, ..BakeParameters::default() };
+        let of = |rays, emitters: &[u64]| of_emitters(&scene, &parameters, rays, emitters.to_vec());
+        assert_eq!(of(1 << 18, &[0, 0]), 0);
+        let one = 1000 * (ENTRIES_A_RAY * (SHARE_BYTES + EMITTED_BYTES) + QUERY_BYTES);
+        assert_eq!(of(1000, &[0, 1]), one);
+        let threads = rayon::current_num_threads() as u64;
+        let listed = 1000 * ENTRIES_A_RAY * EMITTED_BYTES;
+        let fifty = threads.min(50) * (one - listed) + 50 * listed;
+        assert_eq!(of(1000, &[50]), fifty);
+        // About 40,000 places: more rays than that are rays that meet again.
+        assert!(of(1 << 20, &[1]) < of(100_000, &[1]) + QUESTION_RAYS as u64 * QUERY_BYTES);
     }
 
     #[test]

@@ -262,7 +262,7 @@ impl PatchSet {
             hidden: HiddenPlaces::default(),
             buried: BuriedPieces::default(),
         };
-        part(&mut contributions, samples, emitters);
+        part(&mut contributions, samples, emitters, area_min(grid));
         for run in contributions.chunk_by(|a, b| a.key == b.key) {
             set.push(run, samples, grid, emitters);
         }
@@ -290,8 +290,7 @@ impl PatchSet {
         let voxel = samples[run[0].sample as usize].voxel;
         let merged =
             merge(exposed(run, samples, emitters), samples, voxel, key_of(voxel, ordinal), direction);
-        let face = grid.voxel_edge_m * grid.voxel_edge_m;
-        let is_sliver = merged.patch.area < AREA_MIN * face && merged.patch.emission == Rgb::ZERO;
+        let is_sliver = merged.patch.area < area_min(grid) && merged.patch.emission == Rgb::ZERO;
         let index = if is_sliver { Self::NONE } else { self.patches.len() as u32 };
         match &mut self.places {
             Places::Axis(places) if !is_sliver => {
@@ -311,6 +310,11 @@ impl PatchSet {
             self.patches.push(merged);
         }
     }
+}
+
+/// [`AREA_MIN`] of a face of the voxels of `grid`, m2.
+fn area_min(grid: &Grid) -> f32 {
+    AREA_MIN * (grid.voxel_edge_m * grid.voxel_edge_m)
 }
 
 fn sort_key(grid: &Grid, voxel: VoxelCoord, direction: Direction, ordinal: u8) -> SortKey {
@@ -436,6 +440,28 @@ mod tests {
         assert_ne!(of_voxel[Direction::NegZ.index()], PatchSet::NONE);
         assert_eq!(set.patches[0].sample_at(0.1), 0);
         assert_eq!(set.patches[0].sample_at(0.9), 1);
+    }
+
+    /// Goal: a place keeps a patch that is told, whatever little of it does not emit. Method: a flame beside a wall that is
+    /// just enough for a patch, and beside a sliver.
+    #[test]
+    fn what_emits_is_apart_only_from_what_gets_a_patch() {
+        let parameters = BakeParameters {
+            grid: Grid { voxel_edge_m: 1.0, chunk_edge_voxels: 16 },
+            ..BakeParameters::default()
+        };
+        let flame = SurfaceSample { emission: Rgb::ONE, ..sample(Vec3::splat(0.25), Vec3::Y, 0.01) };
+        for (rest, count) in [(2.0 * AREA_MIN, 2), (0.5 * AREA_MIN, 1)] {
+            let samples = [flame, sample(Vec3::splat(0.75), Vec3::Y, rest)];
+            let set = PatchSet::group(&samples, &parameters);
+            assert_eq!(set.len(), count, "beside {rest} m2");
+            let told = set.of_voxel(VoxelCoord::ZERO)[Direction::PosY.index()];
+            assert_ne!(told, PatchSet::NONE, "beside {rest} m2");
+            assert_eq!(set.patches[told as usize].patch.emits(), count == 1, "beside {rest} m2");
+            // The same of layers, which leave out what is apart.
+            let layered = PatchSet::of_layers(&samples, &[[0; 6]; 2], &parameters);
+            assert_eq!(layered.len(), 1, "beside {rest} m2");
+        }
     }
 
     #[test]

@@ -10,9 +10,8 @@ use earthshine_bake::MemoryLimit;
 use earthshine_bake::fineness::{EdgeGuess, PatchCounter, PatchGuess};
 use earthshine_bake::surfaces::is_streamed;
 use earthshine_gen::WorldKind;
-use earthshine_scene::Scene;
 use earthshine_tiles::BakeParameters;
-use earthshine_world::{Grid, Receivers, Vec3};
+use earthshine_world::{Grid, Receivers};
 use serde::ser::SerializeMap as _;
 use serde::{Serialize, Serializer};
 use std::ops::RangeInclusive;
@@ -141,8 +140,7 @@ impl Wish {
             guess.voxel_edge_m
         });
         let grid = Grid { voxel_edge_m, ..base.grid };
-        let Scene { materials, material_of, .. } = &source.scene;
-        let emits = material_of.iter().any(|&of| materials[of as usize].emitted_radiance != Vec3::ZERO);
+        let emits = source.scene.emits();
         // Clusters and sums over points are for offline comparisons of patches.
         let is_counted = self.detail.is_none() && is_streamed(&base.method);
         let count = || is_counted.then(|| counted(&counter, voxel_edge_m)).flatten();
@@ -302,7 +300,8 @@ fn generated_edge_m(kind: WorldKind) -> f32 {
 mod tests {
     use super::*;
     use earthshine_gen::GenOptions;
-    use earthshine_scene::Material;
+    use earthshine_scene::{Material, Scene};
+    use earthshine_world::Vec3;
 
     /// Spread over chunks as Sponza is.
     fn spread(count: f64) -> PatchGuess {

@@ -91,9 +91,8 @@ pub(crate) fn load_lights(file: &Path) -> anyhow::Result<LightsFile> {
 
 /// Says so when nothing shines: no lamp, no sky, no emitter.
 pub(crate) fn warn_if_dark(source: &SceneSource) {
-    let emits = source.scene.materials.iter().any(|material| material.emitted_radiance.max_element() > 0.0);
     let has_sky = source.lights.sky.lobes.iter().any(|lobe| lobe.max_element() > 0.0);
-    if !emits && !has_sky && source.lights.lights.is_empty() {
+    if !source.scene.emits() && !has_sky && source.lights.lights.is_empty() {
         eprintln!("warning: nothing shines in {}: give it lights with --lights", source.name);
     }
 }

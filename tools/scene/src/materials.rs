@@ -167,6 +167,13 @@ fn read(
     let emissive = json.emissive_texture.as_ref().filter(|_| emitted_radiance != Rgb::ZERO);
     let (base_colour_texture, base) = textured(images, base_texture)?;
     let (emissive_texture, emissive) = textured(images, emissive)?;
+    // Black all over, which is common beside a factor of one: nobody else looks at all texels to find that nothing emits.
+    let most = emitted_radiance * Rgb::from_array(images.range(emissive_texture).brightest);
+    let (emitted_radiance, emissive_texture, emissive) = if most == Rgb::ZERO {
+        (Rgb::ZERO, None, None)
+    } else {
+        (emitted_radiance, emissive_texture, emissive)
+    };
     let material = Material {
         base_colour,
         base_colour_texture,

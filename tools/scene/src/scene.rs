@@ -141,6 +141,14 @@ impl Scene {
         material.surface_tinted(&self.textures, [uv, emissive_uv], colour, front)
     }
 
+    /// Whether anything emits: some triangle has a material that does.
+    #[must_use]
+    pub fn emits(&self) -> bool {
+        let emits: Vec<bool> = self.materials.iter().map(Material::emits).collect();
+        // Where no material does, which is asked often, there is no need to go through millions of triangles.
+        emits.contains(&true) && self.material_of.iter().any(|&of| emits[of as usize])
+    }
+
     /// Whether any material has an alpha mask, so that rays must ask [`Self::surface`].
     #[must_use]
     pub fn has_masks(&self) -> bool {
@@ -149,6 +157,12 @@ impl Scene {
 }
 
 impl Material {
+    /// Whether its factor lets anything out. The importer leaves none where a texture is black all over.
+    #[must_use]
+    pub fn emits(&self) -> bool {
+        self.emitted_radiance.max_element() > 0.0
+    }
+
     /// What a ray finds at texture coordinates `uv`, which serve both textures.
     #[must_use]
     pub fn surface(&self, textures: &[Texture], uv: [f32; 2], front: bool) -> Surface {

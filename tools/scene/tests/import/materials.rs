@@ -112,6 +112,21 @@ fn emission_is_factor_times_texture_times_strength_and_leaves_the_front() {
     assert!(single.emissive_coordinates.is_none(), "one texture needs one list of coordinates");
 }
 
+/// Goal: what cannot emit is not taken for a lamp. Method: textures that leave nothing of a factor, and one that leaves some.
+#[test]
+fn emission_that_no_texel_lets_out_is_none() {
+    let with = |texels: [[u8; 4]; 2]| {
+        let mut glb =
+            Glb::with_material(json!({"emissiveFactor": [1.0, 1.0, 0.0], "emissiveTexture": {"index": 0}}));
+        glb.texture(2, &texels);
+        glb.scene()
+    };
+    let dark = with([[0, 0, 0, 255], BLUE]);
+    assert!(!dark.emits());
+    assert_eq!((dark.materials[0].emitted_radiance, dark.materials[0].emissive_texture), (Rgb::ZERO, None));
+    assert!(with([[0, 0, 0, 255], RED]).emits());
+}
+
 #[test]
 fn emission_beyond_all_lamps_is_remarked_on_by_name() {
     let warnings = |strength: f32| {
