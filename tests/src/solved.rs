@@ -126,14 +126,23 @@ impl SolvedWorld {
         Solution { irradiance, sky_irradiance }
     }
 
-    /// Share of each patch's row that does not lead to a patch outside of `present`.
+    /// Share of each patch's row that does not lead to a patch outside of `present`: least and most, as nobody says
+    /// whether a patch is there whose light is not [told](Self::told).
     #[must_use]
-    pub fn known_shares(&self, present: &BTreeSet<PatchPlace>) -> Vec<f32> {
-        let is_present: Vec<bool> = self.places().iter().map(|place| present.contains(place)).collect();
+    pub fn known_shares(&self, present: &BTreeSet<PatchPlace>) -> Vec<[f32; 2]> {
+        let mut is_present: Vec<Option<bool>> = vec![None; self.patches().count()];
+        self.told().for_each(|(index, patch)| is_present[index] = Some(present.contains(&place_of(patch))));
         self.entries()
             .map(|row| {
-                let far: f64 = row.filter(|&(j, _)| !is_present[j]).map(|(_, share)| f64::from(share)).sum();
-                1.0 - far as f32
+                let (mut far, mut untold) = (0.0, 0.0);
+                for (column, share) in row {
+                    match is_present[column] {
+                        Some(true) => {}
+                        Some(false) => far += f64::from(share),
+                        None => untold += f64::from(share),
+                    }
+                }
+                [1.0 - far - untold, 1.0 - far].map(|known| known as f32)
             })
             .collect()
     }

@@ -361,8 +361,9 @@ async fn outlives(method: Method) {
 fn assert_is_about(world: &SolvedWorld, solution: &Solution, light: &Light) {
     let served = served_patches(light);
     let (mut gap, mut norm) = (0.0f64, 0.0f64);
-    for (patch, solved) in world.patches().zip(&solution.irradiance) {
-        gap += f64::from((served[&place_of(patch)].irradiance - *solved).length_squared());
+    for (index, patch) in world.told() {
+        let solved = solution.irradiance[index];
+        gap += f64::from((served[&place_of(patch)].irradiance - solved).length_squared());
         norm += f64::from(solved.length_squared());
     }
     let error = (gap / norm).sqrt();
@@ -377,6 +378,8 @@ async fn a_device_publishes_the_light_of_the_cpu() {
     let scene = imported(&fixtures::corridor_glb(8.0));
     let lights = LightRig { sky: Sky::constant(Rgb::splat(1e4)), ..own_lights(&scene) };
     let world = BakedWorld::new("corridor", &scene, lights, coarse(1.0, 16));
+    let solved = SolvedWorld::load(world.path());
+    let whole = solved.solve(&solved.lights);
     for method in [Method::Matrix, Method::Gather] {
         let mut published = Vec::new();
         for backend in [BackendKind::Cpu, BackendKind::Gpu] {
@@ -388,18 +391,22 @@ async fn a_device_publishes_the_light_of_the_cpu() {
             .await;
             let mut client = connect(&served.uri).await;
             let light = settled_at(&mut client, Vec3::new(4.0, 1.6, 1.5)).await;
+            assert_is_about(&solved, &whole, &light);
             published.push(served_patches(&light));
             client.close().await;
             served.stop().await.expect("a clean end");
         }
         let [cpu, device] = &published[..] else { panic!("two backends") };
         assert!(cpu.keys().eq(device.keys()) && cpu.len() > 100, "{} patches", cpu.len());
+        // Shooting stops at so much of the brightest, which dark patches notice.
+        let brightest = cpu.values().map(|patch| patch.irradiance.max_element()).fold(0.0, f32::max);
+        let left = if method == Method::Matrix { 0.0 } else { 3e-4 * brightest };
         for (place, cpu) in cpu {
             let of_device = device[place];
             // Nine bits of mantissa, the first of them set.
             let step = cpu.irradiance.max_element().max(of_device.irradiance.max_element()) / 256.0;
             let gap = (cpu.irradiance - of_device.irradiance).abs().max_element();
-            assert!(gap <= step, "{method}, {place:?}: {cpu:?}, {of_device:?}");
+            assert!(gap <= step + left, "{method}, {place:?}: {cpu:?}, {of_device:?}");
             assert_eq!((cpu.sky_irradiance, cpu.quality), (of_device.sky_irradiance, of_device.quality));
         }
     }

@@ -73,8 +73,13 @@ const STREAMED: Detail =
     Detail { per_edge: 4, rays: 96, columns: 48, of_patch: 512, points: POINTS_FEW, samples: POINTS };
 /// Parts that it makes of a patch, layers and all (`kaykit_city`).
 const STREAMED_PARTS: f64 = 13.3;
+/// Rays of a part at least, where there are too many parts for more: guesses are off by up to a seventh, and a city shall not
+/// lose its detail for that.
+const STREAMED_RAYS_MIN: u32 = 64;
+/// Such rays come in steps of so many.
+const STREAMED_RAYS_STEP: u32 = 16;
 /// Most patches that there are rays for.
-const STREAMED_PATCHES_MAX: f64 = DETAIL_RAYS_MAX as f64 / (STREAMED_PARTS * STREAMED.rays as f64);
+const STREAMED_PATCHES_MAX: f64 = DETAIL_RAYS_MAX as f64 / (STREAMED_PARTS * STREAMED_RAYS_MIN as f64);
 /// Bytes on disk of a patch with its row and the receivers about it; of a part of one, and of each column of its row.
 const PATCH_BYTES: u64 = 1500;
 const PART_BYTES: f64 = 33.0;
@@ -258,7 +263,9 @@ fn fitting(guess: &PatchGuess, emits: bool) -> Option<Detail> {
 /// The detail of a world that no server holds whole, if there are rays for it.
 fn streamed(guess: &PatchGuess) -> Option<Detail> {
     let fits_chunk = STREAMED_PARTS * guess.of_chunk_max <= CHUNK_PARTS_MAX;
-    (fits_chunk && guess.count <= STREAMED_PATCHES_MAX).then_some(STREAMED)
+    let most = (DETAIL_RAYS_MAX as f64 / (STREAMED_PARTS * guess.count)) as u32;
+    let rays = (most / STREAMED_RAYS_STEP * STREAMED_RAYS_STEP).min(STREAMED.rays);
+    (fits_chunk && rays >= STREAMED_RAYS_MIN).then_some(Detail { rays, ..STREAMED })
 }
 
 /// The columns that each of `parts` may have so that a server holds them all, beside so many patches.
@@ -371,7 +378,8 @@ mod tests {
         let city = |count: f64| PatchGuess { of_chunk_max: count / 100.0, ..spread(count) };
         assert_eq!(of(city(60_000.0)), Some(STREAMED));
         assert_eq!(of(city(152_000.0)), Some(STREAMED));
-        assert_eq!(of(city(162_000.0)), None, "too many rays");
+        assert_eq!(of(city(162_000.0)), Some(Detail { rays: 80, ..STREAMED }), "fewer rays");
+        assert_eq!(of(city(240_000.0)), None, "too many rays");
         assert_eq!(
             of(PatchGuess { of_chunk_max: 15_000.0, ..city(152_000.0) }),
             None,

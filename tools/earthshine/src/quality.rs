@@ -14,7 +14,7 @@ use std::str::FromStr;
 #[derive(Args, Clone)]
 pub(crate) struct QualityArguments {
     /// Edge of a voxel, m. Smaller: more detail, about four times the patches a halving. Default: what makes about 13,000
-    /// patches of a file, to three digits, from 0.016 to 4; generated scenes have their own, worlds that are there keep theirs.
+    /// patches of a file, to three digits, from 0.016 to 4, and in landscapes what makes 400,000 at most; generated scenes have their own, worlds that are there keep theirs.
     #[arg(long)]
     voxel: Option<f32>,
     /// Voxels along a chunk's edge, 1 to 22.
@@ -54,7 +54,7 @@ pub(crate) struct QualityArguments {
     /// kilometres; the summary says which.
     #[arg(long, default_value = "auto")]
     detail: Detail,
-    /// Rays of a part of a patch in a detail voxel. Default: chosen with --detail auto, 256 to 2048; else 512.
+    /// Rays of a part of a patch in a detail voxel. Default: chosen with --detail auto, 512 to 2048, 64 to 96 in cities; else 512.
     #[arg(long)]
     detail_rays: Option<u32>,
     /// Most columns of such a part's row. Default: 192, fewer with --detail auto where a server would not hold them.
