@@ -60,7 +60,8 @@ pub struct EndVoxel {
     pub voxel: VoxelCoord,
     /// By direction, below [`COUNTED_PATCHES_MAX`] or [`NO_PATCH`].
     pub patches: [u32; 6],
-    /// Whether its patches left out places on triangles that say so.
+    /// Whether its patches left out places on triangles that say so, or a texture says which of two patches a hit on them
+    /// is of.
     pub has_left_out: bool,
     /// What of the sides that are buried [in places](Buried::InPlaces) is here.
     pub buried: BuriedHere,
