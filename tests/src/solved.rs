@@ -95,18 +95,24 @@ impl SolvedWorld {
     /// Light of `rig`, all bounces.
     #[must_use]
     pub fn solve(&self, rig: &LightRig) -> Solution {
-        self.solve_among(rig, &self.places().into_iter().collect())
+        self.solve_with(rig, &vec![true; self.patches().count()])
     }
 
     /// Light of `rig` as if `present` were all the patches there are, and the rest neither sent light nor
-    /// uncovered any sky.
+    /// uncovered any sky. Patches whose light is not [told](Self::told) are of the rest: nobody says whether they are there.
+    #[must_use]
+    pub fn solve_among(&self, rig: &LightRig, present: &BTreeSet<PatchPlace>) -> Solution {
+        let mut is_present = vec![false; self.patches().count()];
+        self.told().for_each(|(index, patch)| is_present[index] = present.contains(&place_of(patch)));
+        self.solve_with(rig, &is_present)
+    }
+
+    /// Light of `rig` among the patches that are there.
     ///
     /// # Panics
     /// If the world's rows are no sparse matrix.
-    #[must_use]
-    pub fn solve_among(&self, rig: &LightRig, present: &BTreeSet<PatchPlace>) -> Solution {
-        let is_present: Vec<bool> = self.places().iter().map(|place| present.contains(place)).collect();
-        let rows = self.rows_among(&is_present);
+    fn solve_with(&self, rig: &LightRig, is_present: &[bool]) -> Solution {
+        let rows = self.rows_among(is_present);
         let sky_irradiance: Vec<Rgb> = self
             .chunks
             .iter()
