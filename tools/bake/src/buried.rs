@@ -8,8 +8,8 @@
 //! Whether a point is buried is told by a few paths that look for light: the sky, lamps, emitters. Small emitters they seldom
 //! meet, and a room that is modelled with its walls facing out and lit by one would swallow its light. So in scenes
 //! in which anything emits nothing is absorbed; nor is it where it is in doubt: in a voxel and direction in which more than
-//! [`DOUBT_SHARE`] of what looked buried found light after all. And a piece of which one point found light
-//! is no wall's inside: detail, which is read where it lies, takes its other points for hidden ([`reached`]).
+//! `DOUBT_SHARE` of what looked buried found light after all. And a piece of which one point found light
+//! is no wall's inside: detail, which is read where it lies, takes its other points for hidden (`reached`).
 
 use crate::exposure::Exposure;
 use crate::sample::{SurfaceSample, side_weights};
