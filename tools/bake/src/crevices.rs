@@ -8,15 +8,14 @@
 //! Start at [`Crevices::of`].
 
 use crate::detail::detail_voxel_of;
-use crate::exposure::{Exposure, ExposureTest};
-use crate::rows::{RAY_OFFSET, RowCaster};
+use crate::detail_exposure::test_of;
+use crate::exposure::Exposure;
+use crate::rows::RowCaster;
 use crate::sample::{SurfaceSample, side_weights};
 use crate::voxel_map::VoxelMap;
-use earthshine_tiles::BakeParameters;
 use earthshine_world::{AxisWeights, Direction, Vec3, VoxelCoord};
 use glam::IVec3;
 use rayon::prelude::*;
-use std::cell::Cell;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Points asked together.
@@ -55,7 +54,8 @@ impl Crevices {
             .par_chunks(BATCH)
             .zip(left_out.par_chunks(BATCH))
             .flat_map_iter(|(samples, left_out)| {
-                let test = test_of(caster);
+                // As patches see it.
+                let test = test_of(caster, parameters.grid.voxel_edge_m);
                 let count = |(sample, &is_left_out): (&&SurfaceSample, &bool)| {
                     if is_left_out { counted(test.openness(sample)) } else { 1.0 }
                 };
@@ -99,19 +99,6 @@ impl Crevices {
     }
 }
 
-/// By the size of voxels, as patches see it.
-fn test_of<'a>(caster: &RowCaster<'a>) -> ExposureTest<'a> {
-    let BakeParameters { grid, buried_rays, seed, .. } = *caster.parameters;
-    ExposureTest {
-        tracer: caster.tracer,
-        rays: buried_rays,
-        voxel_edge_m: grid.voxel_edge_m,
-        off_surface_m: RAY_OFFSET * grid.voxel_edge_m,
-        seed,
-        cast: Cell::new(0),
-    }
-}
-
 /// Light of a place with `openness`, beside that in the open.
 fn counted(openness: f32) -> f32 {
     openness / (1.0 - (1.0 - openness) * REFLECTANCE)
@@ -133,6 +120,7 @@ mod tests {
     use super::*;
     use crate::patches::PatchSet;
     use crate::test_shapes::{quad, scene_of};
+    use earthshine_tiles::BakeParameters;
     use earthshine_trace::SceneTracer;
     use earthshine_world::{Grid, Rgb};
 

@@ -12,6 +12,7 @@ use crate::buried::reached;
 use crate::exposure::{Exposure, ExposureTest};
 use crate::rows::{RAY_OFFSET, RowCaster};
 use crate::sample::SurfaceSample;
+use earthshine_tiles::BakeParameters;
 use rayon::prelude::*;
 use std::cell::Cell;
 
@@ -24,18 +25,24 @@ const BATCH: usize = 256;
 pub(crate) fn expose(samples: &mut [SurfaceSample], caster: &RowCaster<'_>) {
     let parameters = caster.parameters;
     samples.par_chunks_mut(BATCH).for_each(|samples| {
-        let test = ExposureTest {
-            tracer: caster.tracer,
-            rays: parameters.buried_rays,
-            voxel_edge_m: parameters.of_detail_voxels().grid.voxel_edge_m,
-            off_surface_m: RAY_OFFSET * parameters.grid.voxel_edge_m,
-            seed: parameters.seed,
-            cast: Cell::new(0),
-        };
+        let test = test_of(caster, parameters.of_detail_voxels().grid.voxel_edge_m);
         for sample in samples.iter_mut().filter(|sample| sample.exposure == Exposure::Hidden) {
             sample.exposure = test.of(sample);
         }
     });
+}
+
+/// Asks by the rays of `caster` what is hidden in voxels of `voxel_edge_m`.
+pub(crate) fn test_of<'a>(caster: &RowCaster<'a>, voxel_edge_m: f32) -> ExposureTest<'a> {
+    let BakeParameters { grid, buried_rays, seed, .. } = *caster.parameters;
+    ExposureTest {
+        tracer: caster.tracer,
+        rays: buried_rays,
+        voxel_edge_m,
+        off_surface_m: RAY_OFFSET * grid.voxel_edge_m,
+        seed,
+        cast: Cell::new(0),
+    }
 }
 
 /// Says that those of `samples` are hidden that are buried in a piece to which paths found light; `in_voxels` are the same points,
@@ -57,7 +64,6 @@ mod tests {
     use super::*;
     use crate::patches::PatchSet;
     use crate::test_shapes::{quad, scene_of};
-    use earthshine_tiles::BakeParameters;
     use earthshine_trace::SceneTracer;
     use earthshine_world::{Grid, Rgb, Vec3, VoxelCoord};
 
