@@ -43,11 +43,11 @@ fn solvers_are_measured_on_a_step_of_light() {
     assert!(found["speedup_over_dense"].as_f64() > Some(0.0), "{found}");
     assert_eq!(found["solvers"].as_array().map(Vec::len), Some(3));
     assert!(desk.path().join("step.svg").is_file());
-    let coloured = ["--solver", "alias", "--multibounce", "--history-weight", "0", "--json"];
+    // Rows are drawn by shares, and a lamp is a small share of much light: it takes more draws than elsewhere.
+    let coloured = ["--solver", "alias", "--multibounce", "--history-weight", "0", "--k", "128", "--json"];
     let found = with(&coloured).succeeds().json();
     assert_eq!(found["drawn_rows"], "multibounce", "{found}");
-    // Rows are drawn by shares, and a lamp is a small share of much light.
-    assert!(found["steady_rel_rmse"].as_f64().is_some_and(|error| error < 2.0), "{found}");
+    assert!(found["steady_rel_rmse"].as_f64().is_some_and(|error| error < 1.0), "{found}");
     let table = with(&["--solver", "cdf", "--adaptive"]).succeeds().output;
     assert!(table.contains("to 90 %") && table.contains("cdf"), "{table}");
     with(&["--solver", "magic"]).fails(USAGE, &["magic", "progressive"]);
