@@ -97,6 +97,7 @@ async fn assert_served(compared: &Compared, slots: u32, camera: Vec3) {
     let patches = served_patches(&light);
     let solved = &compared.solved;
     let (told, all) = (solved.told().count(), compared.world.patch_count());
+    assert_eq!(light.frame().resident_patches, slots.min(all));
     // What emits beside what does not takes a slot, and is not told.
     assert!(patches.len() <= told && patches.len() + all as usize >= told + slots.min(all) as usize);
     let whole = solved.solve(&solved.lights);
