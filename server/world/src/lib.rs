@@ -14,6 +14,7 @@
 //! | [`rows`] | form-factor rows: resident or far columns, sky, absorbed |
 //! | [`receivers`] | rows without columns: light in empty air, and on surfaces in detail |
 //! | [`surface_plane`] | the plane of what lies in a detail voxel |
+//! | [`barrier`] | where a wall ends it |
 //! | [`chunk`] | one chunk, whole |
 //! | [`index`] | what a world holds, before any tile is read |
 //! | [`lineage`] | which coarse patch stands for a patch |
@@ -22,6 +23,7 @@
 //! | [`random`] | every random number is a hash of (seed, purpose, index) |
 
 pub mod asked;
+pub mod barrier;
 pub mod camera;
 pub mod chunk;
 pub mod direction;
@@ -36,6 +38,7 @@ pub mod rows;
 pub mod surface_plane;
 
 pub use asked::Asked;
+pub use barrier::Barrier;
 pub use camera::Camera;
 pub use chunk::{Chunk, OccluderMesh};
 pub use direction::{AxisWeights, Direction};

@@ -4,9 +4,10 @@
 //! so it has no area, no reflectance and no slot. *In the air* it stands in the open part of a voxel, for objects that
 //! move. *On surfaces* it stands for what faces its direction in one *detail voxel*, a part of a voxel of half or a quarter of its edge: the
 //! light there in more detail than the voxel's patch has. Surfaces that share a detail voxel and a direction, but no plane
-//! (moulding and the wall behind it), are *layers*: each has a receiver of its own.
+//! (moulding and the wall behind it) or no side of a wall (a floor that goes on behind it), are *layers*: each has a
+//! receiver of its own.
 
-use crate::{ChunkRows, Direction, SurfacePlane, VoxelCoord};
+use crate::{Barrier, ChunkRows, Direction, SurfacePlane, VoxelCoord};
 use glam::IVec3;
 
 /// A part of a voxel, and one of the surfaces in it.
@@ -18,6 +19,8 @@ pub struct DetailVoxel {
     pub layer: u8,
     /// The plane it lies in, in the detail voxel.
     pub plane: SurfacePlane,
+    /// Where walls end it; what is one comes before what is none.
+    pub barriers: [Option<Barrier>; Barrier::PER_LAYER_MAX],
 }
 
 impl DetailVoxel {
@@ -26,12 +29,13 @@ impl DetailVoxel {
     /// Most layers of one direction in a detail voxel.
     pub const LAYERS_MAX: u8 = 4;
 
-    /// Layer `layer` in the detail voxel at `offset` (detail voxels from the low corner of the voxel, each below 8).
+    /// Layer `layer` in the detail voxel at `offset` (detail voxels from the low corner of the voxel, each below 8), without
+    /// barriers.
     #[must_use]
     pub fn new(offset: IVec3, layer: u8, plane: SurfacePlane) -> Self {
         let bits = |along: i32, axis: i32| (along & 3) << (2 * axis) | (along >> 2 & 1) << (6 + axis);
         let index = (bits(offset.x, 0) | bits(offset.y, 1) | bits(offset.z, 2)) as u16;
-        Self { index, layer, plane }
+        Self { index, layer, plane, barriers: [None; Barrier::PER_LAYER_MAX] }
     }
 
     /// The detail voxel in a grid of detail voxels, `detail` along an edge of `voxel`.

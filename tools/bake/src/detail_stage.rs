@@ -147,7 +147,7 @@ fn encode(
     out.u64(exposures);
     out.u32(rows.len() as u32);
     for place in places {
-        let DetailVoxel { index, layer, plane } = place.detail.expect("detail is of detail voxels");
+        let DetailVoxel { index, layer, plane, .. } = place.detail.expect("detail is of detail voxels");
         let ([low, high], [x, y]) = (index.to_le_bytes(), plane.normal);
         out.i32s(place.voxel.to_array());
         out.u32s(
@@ -179,7 +179,11 @@ fn decode_found(payload: &[u8], set: &PatchSet, grid: &Grid) -> Option<(u64, Vec
         let [x, y, distance, _] = reader.u32()?.to_le_bytes();
         let direction = Direction::from_index(direction)?;
         let (index, plane) = (u16::from_le_bytes([low, high]), SurfacePlane { normal: [x, y], distance });
-        Some(ReceiverPlace { voxel, direction, detail: Some(DetailVoxel { index, layer, plane }) })
+        Some(ReceiverPlace {
+            voxel,
+            direction,
+            detail: Some(DetailVoxel { index, layer, plane, barriers: [None; 2] }),
+        })
     };
     let places = (0..count).map(|_| place(&mut reader)).collect::<Option<Vec<_>>>()?;
     let (mut rows, mut has_lost) = (Vec::with_capacity(count), Vec::with_capacity(count));

@@ -109,7 +109,7 @@ impl UnlayeredRecord {
             {
                 let plane = plane(direction, self.plane)
                     .ok_or_else(|| format!("a receiver's plane lies at {}", self.plane))?;
-                Some(DetailVoxel { index, layer, plane })
+                Some(DetailVoxel { index, layer, plane, barriers: [None; 2] })
             }
             _ => return Err(format!("a receiver is in part {part:#06x} at {}", self.plane)),
         };
