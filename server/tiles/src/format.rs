@@ -12,8 +12,8 @@
 //!      │ segments                   │ SegmentRecord x segment_count: the chunks that columns point into
 //!      │ rows 0                     │ 32 rows: own segment list, sky, absorbed, column gaps, shares
 //!      │ ...                        │ ceil(patch_count / 32) groups in all
-//!      │ receivers                  │ ReceiverRecord x receiver_count, byte planes: rows without columns; in version 4
-//!      │                            │ UnlayeredRecord
+//!      │ receivers                  │ ReceiverRecord x receiver_count, byte planes: rows without columns; in version 5
+//!      │                            │ LayeredRecord, in version 4 UnlayeredRecord
 //!      │ receivers' segments        │ SegmentRecord x receiver_segment_count
 //!      │ receivers' rows 0          │ as rows, one row a receiver
 //!      │ ...                        │ ceil(receiver_count / 32) groups in all
@@ -31,8 +31,8 @@ use earthshine_world::{ChunkCoord, ChunkId};
 use std::path::Path;
 
 /// Version of the tile format and of `world.toml`, as written. Any change of a layout is a new number.
-pub const VERSION: u32 = 5;
-/// The oldest version that is read: its receivers have no layers.
+pub const VERSION: u32 = 6;
+/// The oldest version that is read: its receivers have no layers. Those of version 5 have no barriers.
 pub const VERSION_OLDEST: u32 = 4;
 /// Which versions are read.
 pub(crate) const VERSIONS: std::ops::RangeInclusive<u32> = VERSION_OLDEST..=VERSION;

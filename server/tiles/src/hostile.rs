@@ -107,22 +107,24 @@ fn sealed(mut header: TileHeader, table: &[SectionEntry], frames: &[u8]) -> Vec<
     [bytemuck::bytes_of(&header), bytemuck::cast_slice(table), frames].concat()
 }
 
-/// Goal: worlds that were baked before there were layers are read. Method: the same tile as its version wrote it, where
-/// receivers had two bytes less each, in byte planes of their own.
+/// Goal: worlds that were baked before there were barriers, or layers, are read. Method: the same tile as their versions wrote
+/// it, where receivers had four or six bytes less each, in byte planes of their own.
 #[test]
-fn a_tile_of_the_version_before_is_read() {
-    let (header, mut frames) = take_apart(&tile(RowCodec::Half));
-    let receivers = frames.iter_mut().find(|(entry, _)| entry.kind == Frame::Receivers.numbers().0);
-    let (entry, raw) = receivers.expect("a frame of receivers");
-    raw.truncate(header.receiver_count as usize * 16);
-    entry.raw_bytes = raw.len() as u32;
-    let old = put_together(TileHeader { version: VERSION_OLDEST, ..header }, &frames);
-    assert_eq!(decode(&old).unwrap().receivers, decode(&tile(RowCodec::Half)).unwrap().receivers);
-    let claimed = put_together(header, &frames);
-    assert!(
-        decode(&claimed).unwrap_err().to_string().contains("receivers"),
-        "the new version has longer ones"
-    );
+fn tiles_of_the_versions_before_are_read() {
+    for (version, bytes) in [(VERSION_OLDEST, 16), (VERSION_OLDEST + 1, 18)] {
+        let (header, mut frames) = take_apart(&tile(RowCodec::Half));
+        let receivers = frames.iter_mut().find(|(entry, _)| entry.kind == Frame::Receivers.numbers().0);
+        let (entry, raw) = receivers.expect("a frame of receivers");
+        raw.truncate(header.receiver_count as usize * bytes);
+        entry.raw_bytes = raw.len() as u32;
+        let old = put_together(TileHeader { version, ..header }, &frames);
+        assert_eq!(decode(&old).unwrap().receivers, decode(&tile(RowCodec::Half)).unwrap().receivers);
+        let claimed = put_together(header, &frames);
+        assert!(
+            decode(&claimed).unwrap_err().to_string().contains("receivers"),
+            "the new version has longer ones than {version}"
+        );
+    }
 }
 
 /// Goal: no contents can make the reader panic, or give out what others would index out of bounds with.

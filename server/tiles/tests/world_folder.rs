@@ -49,7 +49,7 @@ fn a_manifest_comes_back_and_is_readable() {
     manifest.save(folder.path()).unwrap();
     assert_eq!(Manifest::load(folder.path()).unwrap(), manifest);
     let text = std::fs::read_to_string(folder.path().join("world.toml")).unwrap();
-    for line in ["format_version = 5", "world_hash = \"00000000000000e4\"", "[[chunks]]", "[parameters.grid]"]
+    for line in ["format_version = 6", "world_hash = \"00000000000000e4\"", "[[chunks]]", "[parameters.grid]"]
     {
         assert!(text.contains(line), "{line} not in\n{text}");
     }
@@ -89,9 +89,9 @@ fn broken_manifests_say_what_is_wrong() {
         assert!(matches!(error, TileError::Manifest { .. }), "{error}");
         assert!(error.to_string().contains(words) && error.to_string().contains("world.toml"), "{error}");
     }
-    std::fs::write(&path, good.replace("format_version = 5", "format_version = 7\nnews = 1")).unwrap();
+    std::fs::write(&path, good.replace("format_version = 6", "format_version = 7\nnews = 1")).unwrap();
     assert!(matches!(Manifest::load(folder.path()), Err(TileError::Version { found: 7, .. })));
-    std::fs::write(&path, good.replace("format_version = 5", "format_version = 4")).unwrap();
+    std::fs::write(&path, good.replace("format_version = 6", "format_version = 4")).unwrap();
     assert_eq!(Manifest::load(folder.path()).unwrap().format_version, format::VERSION_OLDEST);
     std::fs::write(&path, [0xFF, 0xFE]).unwrap();
     assert!(matches!(Manifest::load(folder.path()), Err(TileError::Manifest { .. })));

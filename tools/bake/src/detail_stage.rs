@@ -1,6 +1,6 @@
 //! The stage that traces detail, chunk by chunk ([`crate::detail`]). What it comes to stays in the work folder:
 //!
-//! │ exposures u64 │ receivers u32 │ place: voxel 3 x i32, direction u8, layer u8, detail voxel u16, plane 3 x u8, 0 │ run: bytes u32, rows as in row files │
+//! │ exposures u64 │ receivers u32 │ place: voxel 3 x i32, direction u8, layer u8, detail voxel u16, plane 3 x u8, 0, barriers 2 x 2 x u8 │ run: bytes u32, rows as in row files │
 //!
 //! A run has [`RUN_ROWS`] rows, the last one what is left.
 
@@ -24,15 +24,15 @@ use crate::tracing::caster;
 use crate::words::{Reader, Writer};
 use crate::work_folder::{Kind, Stale, Stamp};
 use earthshine_tiles::{BakeParameters, PatchBuilder};
-use earthshine_world::{DetailVoxel, Direction, Grid, ReceiverPlace, SurfacePlane, VoxelCoord};
+use earthshine_world::{Barrier, DetailVoxel, Direction, Grid, ReceiverPlace, SurfacePlane, VoxelCoord};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Rows are numbered by `u16` in row files.
 const RUN_ROWS: usize = 1 << 16;
 /// Which way of making and writing receivers: what was kept by another is of no use.
-const PAYLOAD_VERSION: u64 = 4;
+const PAYLOAD_VERSION: u64 = 5;
 /// Bytes of a place.
-const PLACE_BYTES: usize = 20;
+const PLACE_BYTES: usize = 24;
 
 /// Whether a bake by `parameters` has detail: clusters have none.
 pub(crate) fn has_detail(parameters: &BakeParameters) -> bool {
@@ -147,12 +147,17 @@ fn encode(
     out.u64(exposures);
     out.u32(rows.len() as u32);
     for place in places {
-        let DetailVoxel { index, layer, plane, .. } = place.detail.expect("detail is of detail voxels");
+        let DetailVoxel { index, layer, plane, barriers } = place.detail.expect("detail is of detail voxels");
         let ([low, high], [x, y]) = (index.to_le_bytes(), plane.normal);
+        let [[angle, distance], [second_angle, second_distance]] =
+            barriers.map(|barrier| barrier.map_or([0; 2], Barrier::code));
         out.i32s(place.voxel.to_array());
-        out.u32s(
-            [[place.direction as u8, layer, low, high], [x, y, plane.distance, 0]].map(u32::from_le_bytes),
-        );
+        let words = [
+            [place.direction as u8, layer, low, high],
+            [x, y, plane.distance, 0],
+            [angle, distance, second_angle, second_distance],
+        ];
+        out.u32s(words.map(u32::from_le_bytes));
     }
     for run in rows.chunks(RUN_ROWS) {
         let payload = row_files::encode(run, set, grid);
@@ -177,13 +182,12 @@ fn decode_found(payload: &[u8], set: &PatchSet, grid: &Grid) -> Option<(u64, Vec
         let voxel = VoxelCoord::from_array(reader.i32s()?);
         let [direction, layer, low, high] = reader.u32()?.to_le_bytes();
         let [x, y, distance, _] = reader.u32()?.to_le_bytes();
+        let barrier = |code: [u8; 2]| Barrier::from_code(code).ok();
+        let [angle, along, second_angle, second_along] = reader.u32()?.to_le_bytes();
+        let barriers = [barrier([angle, along])?, barrier([second_angle, second_along])?];
         let direction = Direction::from_index(direction)?;
         let (index, plane) = (u16::from_le_bytes([low, high]), SurfacePlane { normal: [x, y], distance });
-        Some(ReceiverPlace {
-            voxel,
-            direction,
-            detail: Some(DetailVoxel { index, layer, plane, barriers: [None; 2] }),
-        })
+        Some(ReceiverPlace { voxel, direction, detail: Some(DetailVoxel { index, layer, plane, barriers }) })
     };
     let places = (0..count).map(|_| place(&mut reader)).collect::<Option<Vec<_>>>()?;
     let (mut rows, mut has_lost) = (Vec::with_capacity(count), Vec::with_capacity(count));

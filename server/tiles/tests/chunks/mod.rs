@@ -9,8 +9,8 @@ use earthshine_tiles::{
 };
 use earthshine_world::random::{Purpose, hash, unit_f32};
 use earthshine_world::{
-    Bounds, Chunk, ChunkCoord, ChunkId, ChunkRows, Column, DetailVoxel, Direction, LightRig, OccluderMesh,
-    Patch, ReceiverPlace, Receivers, SamplePoint, SurfacePlane, Vec3, VoxelCoord,
+    Barrier, Bounds, Chunk, ChunkCoord, ChunkId, ChunkRows, Column, DetailVoxel, Direction, LightRig,
+    OccluderMesh, Patch, ReceiverPlace, Receivers, SamplePoint, SurfacePlane, Vec3, VoxelCoord,
 };
 use std::path::Path;
 
@@ -78,7 +78,9 @@ fn random_receivers(id: ChunkId, patches: &[Patch], row_max: usize, dice: &mut D
         for layer in 0..=dice.below(DetailVoxel::LAYERS_MAX.into()) as u8 {
             let normal = (dice.vector() - 0.5).normalize_or(Vec3::X);
             let plane = SurfacePlane::new(normal, dice.unit() - 0.5);
-            let detail = Some(DetailVoxel::new(offset, layer, plane));
+            let (first, second) = (barrier(patch.direction, dice), barrier(patch.direction, dice));
+            let barriers = if first.is_none() { [second, first] } else { [first, second] };
+            let detail = Some(DetailVoxel { barriers, ..DetailVoxel::new(offset, layer, plane) });
             places.push(ReceiverPlace { voxel: patch.voxel, direction: patch.direction, detail });
         }
     }
@@ -90,6 +92,13 @@ fn random_receivers(id: ChunkId, patches: &[Patch], row_max: usize, dice: &mut D
     places.sort_by_key(ReceiverPlace::order);
     let rows = random_rows(id, places.len(), patch_count, row_max, dice);
     Receivers { places, rows }
+}
+
+/// A barrier of a layer that faces `direction`, or in two of three cases none.
+fn barrier(direction: Direction, dice: &mut Dice) -> Option<Barrier> {
+    let towards = dice.vector() - 0.5;
+    let distance = Barrier::REACH * (2.0 * dice.unit() - 1.0);
+    if dice.below(3) == 0 { Barrier::new(direction, towards, distance) } else { None }
 }
 
 fn random_patch(index: usize, points: &mut Vec<SamplePoint>, dice: &mut Dice) -> Patch {
