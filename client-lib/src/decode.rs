@@ -2,6 +2,7 @@
 
 use crate::ClientError;
 use earthshine_protocol::{VOLUME_DIM_MAX, VOLUME_VOXELS_MAX, v1};
+use earthshine_volume::barrier::{self, Barriers};
 use earthshine_volume::tilt::{self, Tilt};
 use earthshine_volume::{Layout, Volume, VoxelLight, plane, rgb9e5};
 use glam::{IVec3, UVec3};
@@ -11,6 +12,9 @@ const LIGHT_UNIT_MAX_LX: f32 = 1e9;
 
 /// Bytes of a plane with its normal.
 const TILT_BYTES: usize = size_of::<Tilt>();
+
+/// Bytes of the barriers of a patch that has some.
+const BARRIER_BYTES: usize = size_of::<Barriers>();
 
 /// Where a volume is said to be.
 ///
@@ -79,6 +83,9 @@ pub(crate) fn check_delta(delta: &v1::Delta, voxel_count: u32) -> Result<(), Cli
     if !(delta.tilt.is_empty() || delta.tilt.len() == TILT_BYTES * patches) {
         return fault(format!("{} bytes of tilted planes for {patches} patches", delta.tilt.len()));
     }
+    if let Some(cause) = fault_of_barriers(delta) {
+        return fault(cause);
+    }
     if delta.voxels.iter().skip(1).any(|&step| step == 0) {
         return fault("voxels do not ascend".to_owned());
     }
@@ -90,15 +97,40 @@ pub(crate) fn check_delta(delta: &v1::Delta, voxel_count: u32) -> Result<(), Cli
     Ok(())
 }
 
+/// What is wrong with the barriers of a delta whose other masks are good.
+fn fault_of_barriers(delta: &v1::Delta) -> Option<String> {
+    if !(delta.barred.is_empty() || delta.barred.len() == delta.present.len()) {
+        return Some(format!("{} masks of barriers for {} voxels", delta.barred.len(), delta.voxels.len()));
+    }
+    let airs = delta.air.iter().chain(std::iter::repeat(&0));
+    for ((barred, present), air) in delta.barred.iter().zip(&delta.present).zip(airs) {
+        let surfaces = present & !air;
+        if barred & !surfaces != 0 {
+            return Some(format!(
+                "mask of barriers {barred:#010b} has more directions than {surfaces:#010b}"
+            ));
+        }
+    }
+    let barred = delta.barred.iter().map(|mask| mask.count_ones() as usize).sum::<usize>();
+    if delta.barriers.len() != BARRIER_BYTES * barred {
+        return Some(format!("{} bytes of barriers for {barred} patches", delta.barriers.len()));
+    }
+    let (codes, _) = delta.barriers.as_chunks();
+    let bad = codes.iter().find(|&&code| !barrier::is_code(code));
+    bad.map(|[angle, distance]| format!("a barrier at angle {angle}, distance {distance}"))
+}
+
 /// Writes a checked delta into `volume`.
 pub(crate) fn apply_delta(delta: &v1::Delta, volume: &mut Volume) {
     let unit = if delta.light_unit_lx == 0.0 { 1.0 } else { delta.light_unit_lx };
     let decode = |code| rgb9e5::decode(code) * unit;
     let mut index = 0;
     let mut patch = 0;
+    let (mut barriers, _) = delta.barriers.as_chunks::<2>();
     for (voxel, (&step, &present)) in delta.voxels.iter().zip(&delta.present).enumerate() {
         index += step;
         let air = delta.air.get(voxel).copied().unwrap_or(0);
+        let barred = delta.barred.get(voxel).copied().unwrap_or(0);
         let mut light = VoxelLight::EMPTY;
         for direction in (0..6).filter(|direction| present >> direction & 1 == 1) {
             let sky = delta.sky_irradiance.get(patch).copied().unwrap_or(0);
@@ -112,6 +144,10 @@ pub(crate) fn apply_delta(delta: &v1::Delta, volume: &mut Volume) {
             light.plane[direction] = delta.plane.get(patch).copied().unwrap_or(plane::UNKNOWN);
             let tilt = delta.tilt.get(TILT_BYTES * patch..).and_then(<[u8]>::first_chunk);
             light.tilt[direction] = tilt.copied().unwrap_or(tilt::UNKNOWN);
+            if let Some((&own, rest)) = barriers.split_first_chunk().filter(|_| barred >> direction & 1 == 1)
+            {
+                (light.barriers[direction], barriers) = (own, rest);
+            }
             light.far[direction] = delta.far.get(patch).copied().unwrap_or(0);
             light.staleness[direction] = delta.staleness.get(patch).copied().unwrap_or(0);
             patch += 1;
@@ -149,6 +185,8 @@ mod tests {
             complete: true,
             air: vec![0b100, 0, 0],
             tilt: (1..=9).collect(),
+            barred: vec![0b001, 0, 0b10_0000],
+            barriers: vec![1, 2, 0, 0, 252, 250, 3, 4],
             ..v1::Delta::default()
         }
     }
@@ -165,14 +203,17 @@ mod tests {
         assert_eq!((first.present, first.irradiance[2], first.quality[2]), (0b101, Vec3::splat(2.0), 20));
         assert_eq!((first.sky_irradiance[0], first.air), (Vec3::splat(0.5), 0b100));
         assert_eq!([first.tilt[0], first.tilt[2], first.tilt[1]], [[1, 2, 3], [4, 5, 6], tilt::UNKNOWN]);
+        assert_eq!((first.barriers[0], first.barriers[2]), ([[1, 2], [0, 0]], barrier::NONE));
         let last = volume.at(IVec3::new(1, 2, 6)).unwrap();
+        assert_eq!(last.barriers[5], [[252, 250], [3, 4]]);
         assert_eq!((last.present, last.air, last.irradiance[5]), (0b10_0000, 0, Vec3::splat(3.0)));
         assert_eq!(volume.lit_voxels(), 2, "voxel 7 was emptied");
     }
 
     #[test]
-    fn a_black_sky_and_no_air_may_be_left_out() {
-        let delta = v1::Delta { sky_irradiance: Vec::new(), air: Vec::new(), ..wire_delta() };
+    fn a_black_sky_no_air_and_no_barriers_may_be_left_out() {
+        let (sky_irradiance, air, barred, barriers) = Default::default();
+        let delta = v1::Delta { sky_irradiance, air, barred, barriers, ..wire_delta() };
         check_delta(&delta, 24).unwrap();
     }
 
@@ -201,6 +242,13 @@ mod tests {
         assert!(fault(|d| d.quality.push(1)).contains("4 qualities"));
         assert!(fault(|d| d.far.push(1)).contains("1 far shares"));
         assert!(fault(|d| d.tilt.truncate(8)).contains("8 bytes of tilted planes"));
+        assert!(fault(|d| d.barred.truncate(1)).contains("1 masks of barriers for 3 voxels"));
+        assert!(fault(|d| d.barred[1] = 1).contains("more directions"));
+        assert!(fault(|d| d.barred[0] = 0b100).contains("more directions"));
+        assert!(fault(|d| d.barred.clear()).contains("8 bytes of barriers for 0 patches"));
+        assert!(fault(|d| d.barriers.truncate(7)).contains("7 bytes of barriers for 2 patches"));
+        assert!(fault(|d| d.barriers[0] = 253).contains("angle 253"));
+        assert!(fault(|d| d.barriers[3] = 1).contains("angle 0, distance 1"));
         assert!(fault(|d| d.staleness.push(1)).contains("1 ages of direct light"));
         assert!(fault(|d| d.sky_irradiance.truncate(2)).contains("2 sky"));
         assert!(fault(|d| d.air.truncate(1)).contains("1 air masks"));

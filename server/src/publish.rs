@@ -7,9 +7,10 @@
 
 use earthshine_engine::{EngineConfig, Frame, FrameQuality, PatchLight};
 use earthshine_protocol::{DELTA_VOXELS_MAX, DETAIL_LAYERS_MAX, DETAIL_VOLUME};
+use earthshine_volume::barrier::{self, Barriers};
 use earthshine_volume::tilt::{self, Tilt};
 use earthshine_volume::{Layout, plane, rgb9e5};
-use earthshine_world::{DetailVoxel, SurfacePlane};
+use earthshine_world::{Barrier, DetailVoxel, SurfacePlane};
 use glam::{IVec3, UVec3, Vec3};
 use std::sync::Arc;
 
@@ -51,6 +52,8 @@ pub(crate) struct VoxelCodes {
     pub(crate) plane: [u8; 6],
     /// The same with their normals: see `earthshine_volume::tilt`.
     pub(crate) tilt: [Tilt; 6],
+    /// Where walls end what the light stands for: see `earthshine_volume::barrier`.
+    pub(crate) barriers: [Barriers; 6],
 }
 
 impl VoxelCodes {
@@ -64,6 +67,7 @@ impl VoxelCodes {
         staleness: [0; 6],
         plane: [plane::UNKNOWN; 6],
         tilt: [tilt::UNKNOWN; 6],
+        barriers: [barrier::NONE; 6],
     };
 
     fn add(&mut self, patch: &PatchLight, is_air: bool) {
@@ -78,6 +82,13 @@ impl VoxelCodes {
         self.staleness[direction] = patch.staleness;
         self.plane[direction] = patch.plane_offset.map_or(plane::UNKNOWN, plane::encode);
         self.tilt[direction] = patch.tilt.map_or(tilt::UNKNOWN, SurfacePlane::code);
+        self.barriers[direction] = Barrier::codes(patch.barriers);
+    }
+
+    /// Bit `a` says that walls end the light of direction `a`.
+    pub(crate) fn barred(&self) -> u8 {
+        let bit = |direction: usize| u8::from(self.barriers[direction] != barrier::NONE) << direction;
+        (0..6).map(bit).sum()
     }
 
     /// Takes the directions of `other` that it has nothing on.
@@ -90,6 +101,7 @@ impl VoxelCodes {
             self.staleness[direction] = other.staleness[direction];
             self.plane[direction] = other.plane[direction];
             self.tilt[direction] = other.tilt[direction];
+            self.barriers[direction] = other.barriers[direction];
             self.air |= other.air & 1 << direction;
         }
         self.present |= other.present;

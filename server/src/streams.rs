@@ -122,7 +122,7 @@ mod tests {
     use crate::publish::Answered;
     use earthshine_engine::{Frame, FrameQuality, LevelLight, PatchLight, SessionId};
     use earthshine_world::{
-        Bounds, ChunkCoord, ChunkId, ChunkSummary, Direction, LightRig, Rgb, Vec3, VoxelCoord,
+        Barrier, Bounds, ChunkCoord, ChunkId, ChunkSummary, Direction, LightRig, Rgb, Vec3, VoxelCoord,
     };
     use std::sync::Arc;
 
@@ -156,6 +156,7 @@ mod tests {
             plane_offset: Some(0.5),
             layer: 0,
             tilt: None,
+            barriers: [None; Barrier::PER_LAYER_MAX],
             known_share: 1.0,
             far_share: 0.0,
             fed_share: 0.0,

@@ -7,6 +7,7 @@ use earthshine_shaders::host::LAYOUTS;
 use earthshine_shaders::kernel::{Access, Binding, KERNELS, Kernel, LIGHT_POINTS, TRACE_CLOSEST};
 use earthshine_shaders::limits::CONSTANTS;
 use earthshine_shaders::subgroups::{NUMBER_LANES, SUBGROUP_LANES_RANGE};
+use earthshine_volume::barrier;
 use earthshine_volume::lookup::{AIR_FLOOR, NORMAL_OFFSET_VOXELS, SURFACE_WEIGHT, WEIGHT_MIN};
 use earthshine_volume::plane::{
     AIR_FROM_VOXELS, FAR_SURFACE, PLANE_REACH_VOXELS, PLANE_STEPS, SURFACE_TO_VOXELS,
@@ -251,5 +252,10 @@ fn the_lookup_shader_is_valid_and_has_the_rust_rule_s_constants() {
     assert_eq!(f32_constant(&module, "PLANE_STEPS"), PLANE_STEPS);
     assert_eq!(f32_constant(&module, "TILT_REACH_VOXELS"), TILT_REACH_VOXELS);
     assert_eq!(f32_constant(&module, "TURN_REACH"), TURN_REACH);
-    assert_eq!((span(&module, "VolumeLayout"), span(&module, "VoxelBlock")), (48, 52));
+    assert_eq!(f32_constant(&module, "BARRIER_REACH_VOXELS"), barrier::BARRIER_REACH_VOXELS);
+    assert_eq!(f32_constant(&module, "BARRIER_ANGLES"), f32::from(barrier::BARRIER_ANGLES));
+    assert_eq!(f32_constant(&module, "BARRIER_STEPS"), f32::from(barrier::BARRIER_STEPS));
+    assert_eq!(f32_constant(&module, "BEYOND_REACH_VOXELS"), barrier::BEYOND_REACH_VOXELS);
+    assert_eq!(f32_constant(&module, "BEYOND_MAX_VOXELS"), barrier::BEYOND_MAX_VOXELS);
+    assert_eq!((span(&module, "VolumeLayout"), span(&module, "VoxelBlock")), (48, 76));
 }

@@ -33,8 +33,8 @@ pub fn detail_layer(name: u32) -> Option<u32> {
     name.checked_sub(DETAIL_VOLUME).filter(|&layer| layer < DETAIL_LAYERS_MAX)
 }
 
-/// Most voxels that a server should put into one delta. The worst case (six patches in each, sixteen bytes a
+/// Most voxels that a server should put into one delta. The worst case (six patches in each, nineteen bytes a
 /// patch, six bytes a voxel) stays under half of [`MESSAGE_BYTES_MAX`].
 pub const DELTA_VOXELS_MAX: usize = 1 << 16;
 
-const _: () = assert!(DELTA_VOXELS_MAX * (6 * 16 + 6) < MESSAGE_BYTES_MAX / 2);
+const _: () = assert!(DELTA_VOXELS_MAX * (6 * 19 + 6) < MESSAGE_BYTES_MAX / 2);

@@ -8,6 +8,7 @@
 //! There is no wire format and no I/O here; values are exact `f32`.
 //! Directions are indices 0..6 in the order +X -X +Y -Y +Z -Z.
 
+pub mod barrier;
 pub mod layout;
 mod level_blend;
 pub mod lookup;

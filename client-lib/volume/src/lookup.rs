@@ -9,7 +9,9 @@
 //! The finest volume may hold *detail*: the surfaces of level 0 in detail voxels, without air. It answers as far
 //! as its weight of surfaces goes (all of it from 0.25 on, as below), and level 0 for the rest. Surfaces that share a detail
 //! voxel and a direction come in *layers*: volumes in the same place, one after the other, that are read as one. Each value
-//! counts by its own plane and normal there ([`tilt`]), so that a point reads its own surface.
+//! counts by its own plane and normal there ([`tilt`]), so that a point reads its own surface, and by how far beyond the walls
+//! that end it the point lies ([`barrier`]), so that it reads its own side of them. How much of a point lies on a surface does not
+//! hang on walls: beyond all of them it reads the nearest.
 //!
 //! Light comes from surfaces (patches) and from the air (receivers). Two things are the air's alone, and both fade
 //! with its share, so that what moves through the air never meets a step:
@@ -21,7 +23,7 @@
 //!   is limited to a quarter of the sum, because a lamp does not darken what turns away from it.
 
 use crate::VoxelLight;
-use crate::{Volume, level_blend, plane, tilt};
+use crate::{Volume, barrier, level_blend, plane, tilt};
 use glam::{IVec3, Vec3};
 use std::borrow::Borrow;
 
@@ -199,7 +201,7 @@ fn lookup_in<V: Borrow<Volume>>(
 /// What the eight voxels around a point hold, by direction.
 #[derive(Default)]
 struct Around {
-    /// Each patch by its trilinear weight times how much its plane makes the point trust it.
+    /// Each patch that the point faces by its trilinear weight times how much its plane and barriers make the point trust it.
     surfaces: [Sum; 6],
     /// Trilinear weight of voxels with patches, as far as the point lies on one.
     surface_weights: [f32; 6],
@@ -244,7 +246,7 @@ impl Around {
             let good = Goodness::of(light, direction);
             if light.is_air(direction) {
                 self.airs[direction].add(weight, all, sky, good);
-            } else {
+            } else if is_faced(normal, direction) {
                 let (trust, on_surface) = nearness(light, direction, from_middle, normal);
                 self.surfaces[direction].add(weight * trust, all, sky, good);
                 on_surfaces[direction] = on_surfaces[direction].max(on_surface);
@@ -274,19 +276,28 @@ impl Around {
     }
 }
 
+/// Whether a surface with `normal` reads surfaces' light of `direction`.
+fn is_faced(normal: Vec3, direction: usize) -> bool {
+    (normal[direction / 2] < 0.0) == (direction % 2 == 1)
+}
+
 /// How much the surface that `light` has in `direction` counts for a point on a surface with `normal`, `from_middle` voxels
 /// from the middle of the light's voxel; and how much of the point lies on it.
 fn nearness(light: &VoxelLight, direction: usize, from_middle: Vec3, normal: Vec3) -> (f32, f32) {
     let (tilt, axis) = (light.tilt[direction], direction / 2);
+    let same_side = barrier::trust(light.barriers[direction], axis, from_middle);
     if let Some(distance) = tilt::distance(tilt, from_middle) {
-        (tilt::trust(tilt, distance, normal), plane::on_surface(distance))
+        (same_side * tilt::trust(tilt, distance, normal), plane::on_surface(distance))
     } else {
         let distance = plane::distance(light.plane[direction], from_middle[axis] + 0.5);
         let least = (distance.abs() - plane::slant(normal, axis)).max(0.0);
-        (plane::nearness(distance), plane::on_surface(least))
+        (same_side * plane::nearness(distance), plane::on_surface(least))
     }
 }
 
+#[cfg(test)]
+#[path = "lookup/barrier_tests.rs"]
+mod barrier_tests;
 #[cfg(test)]
 #[path = "lookup/tests.rs"]
 mod tests;

@@ -8,7 +8,7 @@ use std::borrow::Borrow;
 /// Words of a volume's layout.
 const LAYOUT_WORDS: usize = 12;
 /// Words of a lit voxel.
-const BLOCK_WORDS: usize = 13;
+const BLOCK_WORDS: usize = 19;
 
 /// Three storage buffers, in the order of their bindings, as 32-bit words of the machine's byte order. None is empty: a
 /// binding without bytes is not allowed.
@@ -19,8 +19,8 @@ pub struct ShaderVolumes {
     pub layouts: Vec<u32>,
     /// For each voxel of each layer 0 for no light, else one more than the number of its block.
     pub places: Vec<u32>,
-    /// Lit voxels, thirteen words each: bits of present and, from bit 8 on, of air; six lights as RGB9E5; six planes, the place along the
-    /// axis in the lowest byte, the tilt above it.
+    /// Lit voxels, nineteen words each: bits of present and, from bit 8 on, of air; six lights as RGB9E5; six planes, the place along the
+    /// axis in the lowest byte, the tilt above it; six pairs of barriers, the first one's angle in the lowest byte.
     pub blocks: Vec<u32>,
 }
 
@@ -28,7 +28,7 @@ impl ShaderVolumes {
     /// Of `volumes` as [`lookup`](crate::lookup()) is given them. Of a layer that lies elsewhere than the first of its volume,
     /// what is outside of that one's box stays behind.
     ///
-    /// Costs four bytes a voxel of every box, and 52 a lit voxel.
+    /// Costs four bytes a voxel of every box, and 76 a lit voxel.
     #[must_use]
     pub fn of<V: Borrow<Volume>>(volumes: &[V]) -> Self {
         let (mut layouts, mut places, mut blocks) = (Vec::new(), Vec::new(), Vec::new());
@@ -71,6 +71,8 @@ fn block_words(light: &VoxelLight) -> [u32; BLOCK_WORDS] {
         words[1 + direction] = rgb9e5::encode(light.irradiance[direction]);
         let [x, y, distance] = light.tilt[direction];
         words[7 + direction] = u32::from_le_bytes([light.plane[direction], x, y, distance]);
+        let [[angle, distance], [other_angle, other_distance]] = light.barriers[direction];
+        words[13 + direction] = u32::from_le_bytes([angle, distance, other_angle, other_distance]);
     }
     words
 }
@@ -92,25 +94,27 @@ mod tests {
         layers[1].set_patch(voxel, 3, Vec3::new(1.0, 2.0, 4.0), Vec3::ONE, 9);
         layers[1].set_tilt(voxel, 3, [5, 6, 7]);
         layers[1].set_plane(voxel, 3, 8);
+        layers[1].set_barriers(voxel, 3, [[9, 10], [11, 12]]);
         layers[1].set_receiver(voxel, 0, Vec3::ONE, Vec3::ZERO, 9);
         let [one, two] = &layers;
         let words = ShaderVolumes::of(&[one, two, &coarse]);
         let expected = [u32::MAX, 0, 2, 0.5f32.to_bits(), 2, 3, 4, 0, 2, 0, 0, 0];
         assert_eq!(words.layouts[..12], expected);
         assert_eq!(words.layouts[12..], [0, 0, 0, 2f32.to_bits(), 2, 3, 4, 1, 1, 48, 0, 0]);
-        assert_eq!((words.places.len(), words.blocks.len()), (3 * 24, 13));
+        assert_eq!((words.places.len(), words.blocks.len()), (3 * 24, 19));
         let lit: Vec<usize> = (0..72).filter(|&at| words.places[at] != 0).collect();
         // Of the second layer, at x + 2 (y + 3 z).
         assert_eq!((lit, words.places[24 + 1 + 2 * (1 + 3)]), (vec![24 + 9], 1));
         assert_eq!(words.blocks[0], 0b1001 | 1 << 8);
         assert_eq!(words.blocks[1 + 3], rgb9e5::encode(Vec3::new(1.0, 2.0, 4.0)));
         assert_eq!(words.blocks[7 + 3], 0x0706_0508);
+        assert_eq!(words.blocks[13 + 3], 0x0c0b_0a09);
     }
 
     #[test]
     fn nothing_still_binds() {
         let words = ShaderVolumes::of::<Volume>(&[]);
-        assert_eq!((words.layouts.len(), words.places.len(), words.blocks.len()), (12, 1, 13));
+        assert_eq!((words.layouts.len(), words.places.len(), words.blocks.len()), (12, 1, 19));
         assert!(words.layouts.iter().chain(&words.places).chain(&words.blocks).all(|&word| word == 0));
     }
 }

@@ -3,6 +3,7 @@
 //! A volume copies in time proportional to its lit voxels, and a byte for each sixteen of all, so that a client can publish one
 //! a frame. It knows nothing of generations or of the wire.
 
+use crate::barrier::{self, Barriers};
 use crate::places::Places;
 use crate::tilt::{self, Tilt};
 use crate::{Layout, LayoutError, plane};
@@ -31,6 +32,8 @@ pub struct VoxelLight {
     pub plane: [u8; 6],
     /// The same with the surface's normal, which goes before: see [`tilt::trust`].
     pub tilt: [Tilt; 6],
+    /// Where walls end what the light stands for: see [`barrier::trust`].
+    pub barriers: [Barriers; 6],
 }
 
 impl VoxelLight {
@@ -45,6 +48,7 @@ impl VoxelLight {
         sky_irradiance: [Vec3::ZERO; 6],
         plane: [plane::UNKNOWN; 6],
         tilt: [tilt::UNKNOWN; 6],
+        barriers: [barrier::NONE; 6],
     };
     /// All six bits of [`Self::present`].
     pub const ALL_PRESENT: u8 = 0b11_1111;
@@ -61,7 +65,7 @@ impl VoxelLight {
         self.air >> direction & 1 == 1
     }
 
-    /// Puts a patch on direction `direction`, its plane unknown, nothing of it far or old. Channels that are not finite become zero.
+    /// Puts a patch on direction `direction`, its plane unknown, no walls beside it, nothing of it far or old. Channels that are not finite become zero.
     ///
     /// # Panics
     /// If `direction` is not 0..6.
@@ -74,6 +78,7 @@ impl VoxelLight {
         self.staleness[direction] = 0;
         self.plane[direction] = plane::UNKNOWN;
         self.tilt[direction] = tilt::UNKNOWN;
+        self.barriers[direction] = barrier::NONE;
         self.present |= 1 << direction;
         self.air &= !(1 << direction);
     }
@@ -203,6 +208,15 @@ impl Volume {
         self.change(voxel, |light| light.tilt[direction] = tilt)
     }
 
+    /// Says where walls end what the light of `voxel` on `direction` stands for: see [`barrier::trust`]. Says whether `voxel` is
+    /// inside.
+    ///
+    /// # Panics
+    /// If `direction` is not 0..6.
+    pub fn set_barriers(&mut self, voxel: IVec3, direction: usize, barriers: Barriers) -> bool {
+        self.change(voxel, |light| light.barriers[direction] = barriers)
+    }
+
     /// Puts one receiver into `voxel`, unless a patch is on `direction`. Says whether `voxel` is inside.
     ///
     /// # Panics
@@ -231,6 +245,7 @@ impl Volume {
                     kept.set(direction, all, sky, light.quality[direction]);
                     kept.plane[direction] = light.plane[direction];
                     kept.tilt[direction] = light.tilt[direction];
+                    kept.barriers[direction] = light.barriers[direction];
                     kept.far[direction] = light.far[direction];
                     kept.staleness[direction] = light.staleness[direction];
                 }

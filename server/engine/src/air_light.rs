@@ -11,7 +11,9 @@ use crate::local_set::{LocalSet, Resident};
 use crate::slots::{FREE, parts_of_row};
 use earthshine_light::{NEAR_SHARE_MIN, NearPatch, Viewer};
 use earthshine_radiosity::receivers::ReceiverSums;
-use earthshine_world::{Chunk, DetailVoxel, Direction, Grid, LightRig, Patch, ReceiverPlace, Rgb, Vec4};
+use earthshine_world::{
+    Barrier, Chunk, DetailVoxel, Direction, Grid, LightRig, Patch, ReceiverPlace, Rgb, Vec4,
+};
 use std::collections::BTreeMap;
 
 /// A receiver that rests on less than this share of its row, what coarse levels bring included, says nothing: half of a room is not its light.
@@ -170,10 +172,10 @@ impl<'a> Teller<'a> {
             let resident = self.local.resident(slot);
             let near = self.has_near.then(|| self.near(&place, detail, resident));
             let light = fed_as(resident, told(&voxel.chunk, row, &gather(row, near)));
-            let DetailVoxel { layer, plane, .. } = detail;
+            let DetailVoxel { layer, plane, barriers, .. } = detail;
             let plane_offset = Some(plane.offset_along(place.direction.axis()));
             let voxel = detail.coord(light.voxel, self.detail);
-            out.details.push(PatchLight { voxel, plane_offset, layer, tilt: Some(plane), ..light });
+            out.details.push(PatchLight { voxel, plane_offset, layer, tilt: Some(plane), barriers, ..light });
         }
     }
 
@@ -215,6 +217,7 @@ fn told(chunk: &Chunk, row: usize, of: &RowLight) -> PatchLight {
         plane_offset: None,
         layer: 0,
         tilt: None,
+        barriers: [None; Barrier::PER_LAYER_MAX],
         known_share: parts.known(),
         far_share: parts.far.clamp(0.0, 1.0),
         fed_share: 0.0,

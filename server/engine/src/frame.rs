@@ -1,7 +1,7 @@
 //! The published, immutable result of a tick, for one session.
 
 use crate::SessionId;
-use earthshine_world::{Direction, Rgb, SurfacePlane, VoxelCoord};
+use earthshine_world::{Barrier, Direction, Rgb, SurfacePlane, VoxelCoord};
 use std::sync::Arc;
 
 /// Light on one patch or receiver, and how good it is.
@@ -22,6 +22,8 @@ pub struct PatchLight {
     pub layer: u8,
     /// Of detail: the plane that the layer lies in, in its detail voxel.
     pub tilt: Option<SurfacePlane>,
+    /// Of detail: where walls end the layer. Else none.
+    pub barriers: [Option<Barrier>; Barrier::PER_LAYER_MAX],
     /// Share of the row that is resident or sky or absorbed, 0..=1: what the light rests on.
     pub known_share: f32,
     /// Share of the row whose columns exist but are not resident, 0..=1.

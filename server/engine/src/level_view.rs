@@ -14,7 +14,7 @@ use crate::relight::{self, Relight};
 use crate::stats::Counters;
 use crate::{FrameQuality, PatchLight, SessionId};
 use earthshine_radiosity::BackendError;
-use earthshine_world::{Chunk, ChunkId, LightRig, Vec3};
+use earthshine_world::{Barrier, Chunk, ChunkId, LightRig, Vec3};
 use std::sync::Arc;
 
 /// Columns of a matrix that a tick refines while a repair is under way: one block of the CPU backend.
@@ -483,6 +483,7 @@ fn patch_light(resident: &Resident, voxel_edge_m: f32, relight: &Relight<'_>) ->
         plane_offset: Some(resident.patch.plane_offset(voxel_edge_m)),
         layer: 0,
         tilt: None,
+        barriers: [None; Barrier::PER_LAYER_MAX],
         known_share: resident.parts().known(),
         far_share: resident.parts().far.clamp(0.0, 1.0),
         fed_share: resident.fed_share.clamp(0.0, 1.0),

@@ -10,7 +10,7 @@ use earthshine_shaders::LOOKUP_IRRADIANCE;
 use earthshine_tiles::{BakeParameters, DirStore, RowCodec, TileStore as _};
 use earthshine_volume::{Layout, ShaderVolumes, Volume, lookup, plane, rgb9e5};
 use earthshine_world::random::{Purpose, hash, unit_pair};
-use earthshine_world::{Chunk, Grid, LightRig, Vec3};
+use earthshine_world::{Barrier, Chunk, DetailVoxel, Direction, Grid, LightRig, Vec3};
 use glam::IVec3;
 use wgpu::{
     BindGroupDescriptor, BindGroupEntry, BufferUsages, ComputePipelineDescriptor, ShaderModuleDescriptor,
@@ -72,6 +72,22 @@ fn some_light(at: IVec3, direction: usize, layer: usize) -> Vec3 {
     rgb9e5::decode(rgb9e5::encode(light))
 }
 
+/// Walls beside a part of detail: none, one or two in or near its detail voxel, whatever the bake found there.
+fn some_barriers(at: IVec3, part: DetailVoxel, direction: Direction) -> [[u8; 2]; 2] {
+    let [x, y, z] = at.to_array().map(|along| u64::from(along.cast_unsigned()));
+    let random = |k: u64| {
+        let place = (direction.index() as u64) << 8 | u64::from(part.layer);
+        unit_pair(hash(x << 32 | y, Purpose::Simulation, z, place << 8 | k))
+    };
+    let (count, _) = random(0);
+    let wall = |k: u64| {
+        let ((across, up), (along, distance)) = (random(2 * k), random(2 * k + 1));
+        let towards = 2.0 * Vec3::new(across, up, along) - 1.0;
+        Barrier::new(direction, towards, 1.2 * (distance - 0.5)).filter(|_| count * 3.0 > k as f32)
+    };
+    Barrier::codes([wall(1), wall(2)])
+}
+
 /// Detail, level 0 and level 1, the finer ones ending within the town.
 fn volumes(chunks: &[Chunk]) -> Vec<Volume> {
     let cut = |level: u8, edge_m: f32, half_m: Vec3| {
@@ -102,6 +118,7 @@ fn volumes(chunks: &[Chunk]) -> Vec<Volume> {
             let (voxel, layer) = (part.coord(place.voxel, DETAIL), usize::from(part.layer));
             details[layer].set_patch(voxel, direction, some_light(voxel, direction, layer), Vec3::ZERO, 255);
             details[layer].set_tilt(voxel, direction, part.plane.code());
+            details[layer].set_barriers(voxel, direction, some_barriers(voxel, part, place.direction));
         }
     }
     assert!(details[1].lit_voxels() > 0, "a second layer somewhere");
@@ -190,7 +207,7 @@ fn on_device(device: &GpuDevice, volumes: &[Volume], places: &[(Vec3, Vec3)]) ->
 }
 
 /// Goal: an engine's shader shows what the client library and all tools say. Method: a town's patches, receivers and layers of detail
-/// with light of their own, boxes of three sizes so that each ends within the next; thousands of places on, near and off surfaces, by
+/// with light and barriers of their own, boxes of three sizes so that each ends within the next; thousands of places on, near and off surfaces, by
 /// the WGSL on whatever adapter there is.
 #[test]
 fn the_shader_reads_what_the_client_library_reads() {

@@ -110,14 +110,14 @@ pub(crate) fn delta(changes: &Changes) -> v1::ServerMessage {
             delta.plane.push(codes.plane[direction]);
             delta.tilt.extend(codes.tilt[direction]);
         }
+        delta.barred.push(codes.barred());
+        let barred = (0..6).filter(|direction| codes.barred() >> direction & 1 == 1);
+        delta.barriers.extend(barred.flat_map(|direction| codes.barriers[direction]).flatten());
     }
     if delta.sky_irradiance.iter().all(|&code| code == 0) {
         delta.sky_irradiance.clear();
     }
-    if delta.air.iter().all(|&mask| mask == 0) {
-        delta.air.clear();
-    }
-    for codes in [&mut delta.far, &mut delta.staleness, &mut delta.tilt] {
+    for codes in [&mut delta.air, &mut delta.far, &mut delta.staleness, &mut delta.tilt, &mut delta.barred] {
         if codes.iter().all(|&code| code == 0) {
             codes.clear();
         }

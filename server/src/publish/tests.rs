@@ -2,7 +2,7 @@
 
 use super::*;
 use earthshine_engine::SessionId;
-use earthshine_world::{Direction, random};
+use earthshine_world::{Barrier, Direction, random};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -28,6 +28,7 @@ fn frame(lights: &[(IVec3, f32)]) -> Frame {
             plane_offset: Some(0.5),
             layer: 0,
             tilt: None,
+            barriers: [None; Barrier::PER_LAYER_MAX],
             known_share: 1.0,
             far_share: 0.0,
             fed_share: 0.0,
@@ -214,17 +215,43 @@ fn clients_read_planes_as_they_were_written() {
     }
 }
 
-/// Goal: each layer of detail is a volume of its own, in one place, and says in which planes its surfaces lie. Method: two layers in
-/// one detail voxel, one alone in another.
+/// Goal: clients read barriers as the bake wrote them. Method: walls of all directions all around and at all distances, points on
+/// and a little off them.
+#[test]
+fn clients_read_barriers_as_they_were_written() {
+    let codes = (0..=255u8).flat_map(|angle| (0..=255u8).map(move |distance| [angle, distance]));
+    for code in codes {
+        assert_eq!(barrier::is_code(code), Barrier::from_code(code).is_ok(), "{code:?}");
+        let Ok(Some(wall)) = Barrier::from_code(code) else { continue };
+        for direction in Direction::ALL {
+            let along = wall.towards(direction).cross(direction.vector()) + 3.0 * direction.vector();
+            let trust = |beyond: f32| {
+                let at = wall.towards(direction) * (wall.middle_distance() + beyond) + along;
+                barrier::trust(Barrier::codes([None, Some(wall)]), direction.axis(), at)
+            };
+            assert_eq!(trust(-1e-4), 1.0, "{wall:?} {direction:?}");
+            assert!((trust(barrier::BEYOND_REACH_VOXELS) - 0.0625).abs() < 1e-4, "{wall:?} {direction:?}");
+        }
+    }
+    assert_eq!(barrier::BARRIER_REACH_VOXELS, Barrier::REACH);
+    assert_eq!(Barrier::codes([None; Barrier::PER_LAYER_MAX]), barrier::NONE);
+}
+
+/// Goal: each layer of detail is a volume of its own, in one place, and says in which planes its surfaces lie and where walls end
+/// them. Method: two layers in one detail voxel, one alone in another.
 #[test]
 fn layers_of_detail_go_into_volumes_of_their_own() {
     let tilt = |distance: f32| SurfacePlane::new(Vec3::Y, distance);
+    let wall = Barrier::new(Direction::PosY, Vec3::X, 0.25);
     let mut frame = frame(&[(IVec3::ZERO, 1.0), (IVec3::ZERO, 2.0), (IVec3::X, 3.0)]);
     let details: Vec<PatchLight> = frame
         .patches
         .iter()
         .zip([(0, tilt(0.25)), (1, tilt(-0.5)), (0, tilt(0.0))])
-        .map(|(light, (layer, plane))| PatchLight { layer, tilt: Some(plane), ..*light })
+        .map(|(light, (layer, plane))| {
+            let barriers = [wall.filter(|_| layer == 1), None];
+            PatchLight { layer, tilt: Some(plane), barriers, ..*light }
+        })
         .collect();
     frame.details = details.into();
     let told = |layer: u8| {
@@ -233,13 +260,14 @@ fn layers_of_detail_go_into_volumes_of_their_own() {
         let changes = store.delta_since(0).unwrap();
         assert_eq!(changes.volume, DETAIL_VOLUME + u32::from(layer));
         let code = |&(_, codes): &(u32, VoxelCodes)| {
-            (rgb9e5::decode(codes.irradiance[2]).x * LIGHT_UNIT_LX, codes.tilt[2])
+            (rgb9e5::decode(codes.irradiance[2]).x * LIGHT_UNIT_LX, codes.tilt[2], codes.barriers[2])
         };
         (*store.layout(), changes.voxels.iter().map(code).collect::<Vec<_>>())
     };
     let (first, second, third) = (told(0), told(1), told(2));
-    assert_eq!(first.1, [(1.0, tilt(0.25).code()), (3.0, tilt(0.0).code())]);
-    assert_eq!(second.1, [(2.0, tilt(-0.5).code())]);
+    let expected = [(1.0, tilt(0.25).code(), barrier::NONE), (3.0, tilt(0.0).code(), barrier::NONE)];
+    assert_eq!(first.1, expected);
+    assert_eq!(second.1, [(2.0, tilt(-0.5).code(), Barrier::codes([wall, None]))]);
     assert!(third.1.is_empty());
     assert_eq!((first.0, first.0), (second.0, third.0));
 }

@@ -68,6 +68,12 @@ impl Barrier {
         [self.angle, self.distance]
     }
 
+    /// Those of a layer, as they are kept and told: zeros for none.
+    #[must_use]
+    pub fn codes(barriers: [Option<Self>; Self::PER_LAYER_MAX]) -> [[u8; 2]; Self::PER_LAYER_MAX] {
+        barriers.map(|barrier| barrier.map_or([0; 2], Self::code))
+    }
+
     /// What [`Self::code`] made, or zeros for none.
     ///
     /// # Errors

@@ -23,6 +23,13 @@ const FAR_SURFACE: f32 = 0.01;
 const TILT_REACH_VOXELS: f32 = 0.1;
 // A value whose normal differs by this, as the sine of half the angle, counts a quarter.
 const TURN_REACH: f32 = 0.05;
+// How far from the middle of its voxel a barrier may be, in voxels; codes of its angle and steps of its distance.
+const BARRIER_REACH_VOXELS: f32 = 1.5;
+const BARRIER_ANGLES: f32 = 252.0;
+const BARRIER_STEPS: f32 = 250.0;
+// So far beyond a barrier, in voxels, a value counts a sixteenth; what is farther beyond than the second counts no less.
+const BEYOND_REACH_VOXELS: f32 = 0.05;
+const BEYOND_MAX_VOXELS: f32 = 0.5;
 // Steps between the two sides of a voxel; codes of planes are one more than the step, 0 for unknown.
 const PLANE_STEPS: f32 = 254.0;
 
@@ -39,7 +46,8 @@ struct VoxelBlock {
     present: u32,                 //  0  bit a: direction a has light; bit 8 + a: it is the air's (a receiver's)
     irradiance: array<u32, 6>,    //  4  RGB9E5, lx, in the order +X -X +Y -Y +Z -Z
     planes: array<u32, 6>,        // 28  bytes, lowest first: where its surface lies, and its tilted plane's three
-}                                 // 52
+    barriers: array<u32, 6>,      // 52  bytes, lowest first: angle and distance of one, and of another; zeros for none
+}                                 // 76
 
 @group(0) @binding(0) var<storage, read> volume_layouts: array<VolumeLayout>;
 @group(0) @binding(1) var<storage, read> volume_places: array<u32>;
@@ -97,6 +105,36 @@ fn nearness(planes: u32, axis: u32, from_middle: vec3<f32>, normal: vec3<f32>) -
     return vec2<f32>(1.0 / (difference * difference), on_surface(distance));
 }
 
+// Cosine and sine of a barrier's angle, by the series around the nearest quarter of a turn: to 4e-7, where WGSL's own need not be
+// nearer than 5e-4, which would be seen.
+fn turned(angle: u32) -> vec2<f32> {
+    let steps = f32(angle) - 1.0;
+    let quarter = round(steps * 4.0 / BARRIER_ANGLES);
+    let turn = (steps - quarter * (BARRIER_ANGLES / 4.0)) * (6.283185307 / BARRIER_ANGLES);
+    let square = turn * turn;
+    let sine = turn * (1.0 - square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0)));
+    let cosine = 1.0 - square / 2.0 * (1.0 - square / 12.0 * (1.0 - square / 30.0 * (1.0 - square / 56.0)));
+    let quarters = u32(quarter);
+    let way = select(vec2<f32>(cosine, sine), vec2<f32>(-sine, cosine), (quarters & 1u) == 1u);
+    return select(way, -way, (quarters & 2u) == 2u);
+}
+
+// How much a value on `axis` counts for a point `from_middle` voxels from the middle of its voxel, by the walls that end it.
+fn same_side(barriers: u32, axis: u32, from_middle: vec3<f32>) -> f32 {
+    let across = vec2<f32>(from_middle[(axis + 1u) % 3u], from_middle[(axis + 2u) % 3u]);
+    var trust = 1.0;
+    for (var left = barriers; left != 0u; left >>= 16u) {
+        if (left & 0xffffu) != 0u {
+            let share = f32((left >> 8u) & 255u) / BARRIER_STEPS;
+            let wall = (share - 0.5) * 2.0 * BARRIER_REACH_VOXELS;
+            let off = clamp(dot(across, turned(left & 255u)) - wall, 0.0, BEYOND_MAX_VOXELS) / BEYOND_REACH_VOXELS;
+            let twice = (1.0 + off * off) * (1.0 + off * off);
+            trust /= twice * twice;
+        }
+    }
+    return trust;
+}
+
 // What one volume answers.
 struct Found {
     light: vec4<f32>,     // rgb: irradiance, lx; a: 1 where there is light, else 0
@@ -110,6 +148,8 @@ fn lookup_in(volume: u32, low: vec3<i32>, fraction: vec3<f32>, normal: vec3<f32>
     // Light times weight, and weight, by direction.
     var surfaces = array<vec4<f32>, 6>();
     var airs = array<vec4<f32>, 6>();
+    // Directions whose surfaces' light is read.
+    let faced = vec3<u32>(0u, 2u, 4u) + select(vec3<u32>(0u), vec3<u32>(1u), normal < vec3<f32>(0.0));
     // Of voxels with surfaces, as far as the point lies on one.
     var surface_weights = array<f32, 6>();
     for (var corner = 0u; corner < 8u; corner++) {
@@ -130,10 +170,11 @@ fn lookup_in(volume: u32, low: vec3<i32>, fraction: vec3<f32>, normal: vec3<f32>
                     let light = vec4<f32>(decode_rgb9e5(volume_blocks[place - 1u].irradiance[direction]), 1.0) * weight;
                     if ((present >> (direction + 8u)) & 1u) == 1u {
                         airs[direction] += light;
-                    } else {
+                    } else if faced[direction / 2u] == direction {
                         let planes = volume_blocks[place - 1u].planes[direction];
                         let near = nearness(planes, direction / 2u, from_middle, normal);
-                        surfaces[direction] += light * near.x;
+                        let barriers = volume_blocks[place - 1u].barriers[direction];
+                        surfaces[direction] += light * (near.x * same_side(barriers, direction / 2u, from_middle));
                         on_surfaces[direction] = max(on_surfaces[direction], near.y);
                     }
                 }

@@ -11,7 +11,7 @@ use earthshine_radiosity::gather::{GatherLimits, Sources, SparseRows, gather};
 use earthshine_tiles::{DirStore, Manifest, PatchBuilder, TileStore};
 use earthshine_volume::{Layout, Volume, plane};
 use earthshine_world::{
-    Chunk, ChunkId, ChunkRows, Grid, LightRig, OccluderMesh, Patch, PatchId, ReceiverPlace, Rgb, Sky,
+    Barrier, Chunk, ChunkId, ChunkRows, Grid, LightRig, OccluderMesh, Patch, PatchId, ReceiverPlace, Rgb, Sky,
 };
 use glam::IVec3;
 use rayon::prelude::*;
@@ -197,6 +197,7 @@ impl WholeWorld {
                     let coord = part.coord(place.voxel, self.manifest.parameters.detail);
                     detail.set_patch(coord, direction, all, sky, u8::MAX);
                     detail.set_tilt(coord, direction, part.plane.code());
+                    detail.set_barriers(coord, direction, Barrier::codes(part.barriers));
                 }
             }
         }

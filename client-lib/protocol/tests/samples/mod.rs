@@ -167,6 +167,8 @@ fn delta() -> v1::Delta {
         far: vec![0, 64, 200],
         staleness: vec![0, 1, 7],
         tilt: vec![128, 128, 64, 0, 0, 0, 255, 128, 255],
+        barred: vec![0b000_001, 0, 0],
+        barriers: vec![252, 250, 0, 0],
     }
 }
 

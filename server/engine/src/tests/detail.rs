@@ -5,7 +5,8 @@ use super::harness::{ALICE, Harness, generous, lamp};
 use super::world::{RandomWorld, WorldShape};
 use crate::{Frame, PatchLight};
 use earthshine_world::{
-    ChunkRows, DetailVoxel, Direction, LightRig, ReceiverPlace, Receivers, Rgb, Sky, SurfacePlane, Vec3,
+    Barrier, ChunkRows, DetailVoxel, Direction, LightRig, ReceiverPlace, Receivers, Rgb, Sky, SurfacePlane,
+    Vec3,
 };
 use glam::IVec3;
 use std::collections::BTreeMap;
@@ -13,6 +14,9 @@ use std::sync::Arc;
 
 /// The upper detail voxel of each voxel's low corner, seen from above.
 const OFFSET: IVec3 = IVec3::new(0, 1, 0);
+
+/// The way to a wall beside each.
+const WALL: Vec3 = Vec3::new(0.3, -0.5, 0.8);
 
 /// One with a detail voxel, of two along an edge, in each patch; nothing in the air.
 pub(super) fn world(seed: u64) -> RandomWorld {
@@ -24,7 +28,8 @@ pub(super) fn world(seed: u64) -> RandomWorld {
         let mut details: Vec<(ReceiverPlace, usize)> = Vec::new();
         for (local, patch) in chunk.patches.iter().enumerate() {
             let plane = SurfacePlane::new(patch.direction.vector(), 0.25);
-            let detail = Some(DetailVoxel::new(OFFSET, 0, plane));
+            let barriers = [Barrier::new(patch.direction, WALL, 0.5), None];
+            let detail = Some(DetailVoxel { barriers, ..DetailVoxel::new(OFFSET, 0, plane) });
             details.push((ReceiverPlace { voxel: patch.voxel, direction: patch.direction, detail }, local));
         }
         details.sort_by_key(|(place, _)| place.order());
@@ -74,6 +79,8 @@ fn a_detail_voxel_with_its_patch_s_row_has_its_patch_s_light() {
             assert!((detail.known_share - patch.known_share).abs() < 1e-5);
             assert!((detail.fed_share - patch.fed_share).abs() < 1e-5);
             assert_eq!(detail.tilt, Some(SurfacePlane::new(patch.direction.vector(), 0.25)));
+            assert_eq!(detail.barriers, [Barrier::new(patch.direction, WALL, 0.5), None]);
+            assert_ne!(detail.barriers, [None; 2]);
             let offset = if patch.direction.vector().element_sum() > 0.0 { 0.75 } else { 0.25 };
             assert!((detail.plane_offset.unwrap() - offset).abs() < 0.01);
         }

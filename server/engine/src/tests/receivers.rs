@@ -105,7 +105,8 @@ fn assert_lights(found: &[PatchLight], expected: &[PatchLight]) {
             assert!((found - expected).abs() <= 1e-5, "{found} for {expected}");
         }
         assert_eq!(found.plane_offset, expected.plane_offset);
-        assert_eq!((found.layer, found.tilt), (expected.layer, expected.tilt));
+        let part = |of: &PatchLight| (of.layer, of.tilt, of.barriers);
+        assert_eq!(part(found), part(expected));
     }
 }
 

@@ -99,7 +99,7 @@ impl Unlit {
     /// Puts unit light of kind `index` on one patch, or puts it out.
     fn light(&mut self, (volume, voxel, direction): Asked, index: Option<usize>) {
         let volume = &mut self.volumes[volume];
-        let Some(&VoxelLight { quality, plane, tilt, .. }) = volume.at(voxel) else { return };
+        let Some(&VoxelLight { quality, plane, tilt, barriers, .. }) = volume.at(voxel) else { return };
         let unit = |first: usize| match index {
             Some(index) if (first..first + 3).contains(&index) => Vec3::AXES[index - first],
             _ => Vec3::ZERO,
@@ -107,6 +107,7 @@ impl Unlit {
         volume.set_patch(voxel, direction, unit(0), unit(3), quality[direction]);
         volume.set_plane(voxel, direction, plane[direction]);
         volume.set_tilt(voxel, direction, tilt[direction]);
+        volume.set_barriers(voxel, direction, barriers[direction]);
     }
 }
 
