@@ -1,6 +1,6 @@
 //! What the bytes of a bake depend on, as flags; shared by `bake` and `bench`.
 
-use crate::defaults::{Chosen, Wish};
+use crate::defaults::{Chosen, Wish, receiver_rays};
 use crate::method::MethodArguments;
 use crate::scene_source::SceneSource;
 use clap::{Args, ValueEnum};
@@ -43,9 +43,9 @@ pub(crate) struct QualityArguments {
     /// Voxels from a surface within which empty air gets receivers, light for moving objects; 0 for none.
     #[arg(long, default_value_t = 4)]
     receivers: u32,
-    /// Rays that the six receivers of a voxel share.
-    #[arg(long, default_value_t = 512)]
-    receiver_rays: u32,
+    /// Rays that the six receivers of a voxel share. Default: 2048 where something emits, which few rays find; else 512.
+    #[arg(long)]
+    receiver_rays: Option<u32>,
     /// Most columns of a receiver's row.
     #[arg(long, default_value_t = 24)]
     receiver_columns: u32,
@@ -166,6 +166,7 @@ impl QualityArguments {
             detail_columns: self.detail_columns.or(Some(before.detail_columns)),
             points_per_patch: self.points_per_patch.or(Some(before.points_per_patch)),
             samples_per_face: self.samples_per_face.or(Some(before.samples_per_voxel_face)),
+            receiver_rays: self.receiver_rays.or(Some(before.receiver_rays)),
             ..self.clone()
         }
     }
@@ -183,7 +184,7 @@ impl QualityArguments {
             two_sided: self.sides.unwrap_or(default_sides) == Sides::Two,
             metals_black: self.metals_black(),
             receiver_reach_voxels: self.receivers,
-            receiver_rays: self.receiver_rays,
+            receiver_rays: self.receiver_rays.unwrap_or(receiver_rays(source.scene.emits())),
             receiver_columns: self.receiver_columns,
             method: self.method.method(),
             ..BakeParameters::default()

@@ -228,7 +228,8 @@ fn a_moving_sphere_is_lit_without_gaps_and_jumps() {
     assert_eq!(figure("black_share"), 0.0);
     assert!(figure("step_change_max_rel") < 0.08, "{found}");
     assert!(figure("frame_change_max_rel") < 1.1 * figure("reference_frame_change_max_rel"), "{found}");
-    assert!(figure("bias").abs() < 0.05 && figure("rel_rmse") < 0.35, "{found}");
+    // Six values a voxel cannot turn a lamp away from what turns away from it: 4 to 5 % too bright with any seed.
+    assert!(figure("bias").abs() < 0.06 && figure("rel_rmse") < 0.28, "{found}");
     // Without light in the air most of the way is dark.
     let bare = sphere(&["--reference", "sphere.csv", "--receivers", "0"]).succeeds().json();
     assert!(bare["black_share"].as_f64() > Some(0.3), "{bare}");
