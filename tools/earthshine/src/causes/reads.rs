@@ -126,7 +126,7 @@ mod tests {
     use earthshine_world::random::{Purpose, hash, unit_f32};
     use glam::UVec3;
 
-    /// Two in three patches of a box, each with light of its own.
+    /// Two in three patches of a box, each with light of its own, some beside a wall.
     fn volume() -> Volume {
         let layout =
             Layout { level: 0, origin: IVec3::new(-3, 1, -2), dims: UVec3::splat(6), voxel_edge_m: 0.5 };
@@ -137,6 +137,11 @@ mod tests {
                 if !bits.is_multiple_of(3) {
                     let light = Vec3::splat(100.0 * unit_f32(bits));
                     volume.set_patch(layout.voxel_of(index), direction, light, light, 200);
+                    // A wall close by, for some.
+                    if bits.is_multiple_of(5) {
+                        let wall = [1 + (bits >> 8) as u8 % 252, 100 + (bits >> 16) as u8 % 50];
+                        volume.set_barriers(layout.voxel_of(index), direction, [wall, [0; 2]]);
+                    }
                 }
             }
         }
