@@ -4,14 +4,17 @@ use crate::BakeError;
 use earthshine_tiles::BakeParameters;
 use earthshine_world::Grid;
 
+/// Largest edge of a voxel: coarse levels double it, and clients know none above a thousand kilometres.
+const VOXEL_EDGE_MAX_M: f32 = 1e4;
+
 /// Refuses what cannot be baked.
 ///
 /// # Errors
 /// [`BakeError::Parameter`] for the first that is out of its range.
 pub(crate) fn check(parameters: &BakeParameters) -> Result<(), BakeError> {
     let edge = parameters.grid.voxel_edge_m;
-    if !(edge.is_finite() && edge > 1e-4) {
-        let (name, cause) = ("voxel edge", "must be a length above 0.0001 m");
+    if !(edge > 1e-4 && edge <= VOXEL_EDGE_MAX_M) {
+        let (name, cause) = ("voxel edge", "must be a length above 0.0001 m and at most 10,000 m");
         return Err(BakeError::Parameter { name, value: edge.to_string(), cause });
     }
     let chunk = parameters.grid.chunk_edge_voxels;

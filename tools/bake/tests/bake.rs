@@ -386,8 +386,10 @@ fn a_whole_world_is_left_alone_and_another_one_is_not_overwritten() {
 fn impossible_parameters_are_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let world = folder.path().join("world");
-    let result = bake(&scene(WorldKind::Furnace), &world, &options(f32::NAN), &Silent);
-    assert!(matches!(result, Err(BakeError::Parameter { name: "voxel edge", .. })));
+    for edge in [f32::NAN, 0.0, 1e9] {
+        let result = bake(&scene(WorldKind::Furnace), &world, &options(edge), &Silent);
+        assert!(matches!(result, Err(BakeError::Parameter { name: "voxel edge", .. })), "{edge}");
+    }
     let mut crowded = options(1.0);
     crowded.parameters.method.clusters_per_voxel = 40;
     let result = bake(&scene(WorldKind::Furnace), &world, &crowded, &Silent);

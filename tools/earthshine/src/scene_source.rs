@@ -51,7 +51,7 @@ pub(crate) fn load_generated(
             (earthshine_scene::load(path, &options)?, name, None)
         }
     };
-    tell(&loaded.report);
+    tell(&name, &loaded.report);
     let file = lights.map(load_lights).transpose()?;
     if let Some(warning) = file.as_ref().and_then(|file| file.emission_warning(&loaded)) {
         eprintln!("warning: {warning}");
@@ -62,18 +62,18 @@ pub(crate) fn load_generated(
     Ok(SceneSource { scene: loaded, name, kind, lights, environment })
 }
 
-/// What the import left out or changed, on standard error.
-fn tell(report: &ImportReport) {
+/// What the import of `file` left out or changed, on standard error.
+fn tell(file: &str, report: &ImportReport) {
     let counted = [
         (report.zero_area_triangles, "triangles without area were skipped"),
         (report.clamped_materials, "materials reflect more than 98 % somewhere: clamped"),
         (report.blended_materials, "materials blend: masked at 0.5"),
     ];
     for (count, what) in counted.into_iter().filter(|(count, _)| *count > 0) {
-        eprintln!("warning: {count} {what}");
+        eprintln!("warning: {file}: {count} {what}");
     }
     for warning in &report.warnings {
-        eprintln!("warning: {warning}");
+        eprintln!("warning: {file}: {warning}");
     }
 }
 

@@ -62,8 +62,12 @@ impl FlyOptions {
     fn validate(&self) -> Result<(), FlyError> {
         let fault = |cause: String| Err(FlyError::Options { cause });
         let rate = |rate: f32| (Self::RATE_HZ_MIN..=Self::RATE_HZ_MAX).contains(&rate);
-        if !(rate(self.rate_hz) && self.sun.is_none_or(|sun| rate(sun.rate_hz))) {
-            return fault(format!("rates must be from {} to {} Hz", Self::RATE_HZ_MIN, Self::RATE_HZ_MAX));
+        let sent = self.sun.map_or(Self::RATE_HZ_MIN, |sun| sun.rate_hz);
+        for (whose, found) in [("poses are", self.rate_hz), ("the sun's path is (rate_hz)", sent)] {
+            if !rate(found) {
+                let (least, most) = (Self::RATE_HZ_MIN, Self::RATE_HZ_MAX);
+                return fault(format!("{whose} sent at {found} Hz; it must be {least} to {most}"));
+            }
         }
         if self.duration > Self::DURATION_MAX {
             return fault(format!("a flight of more than {} s", Self::DURATION_MAX.as_secs()));

@@ -94,6 +94,14 @@ pub enum LineFault {
     /// A line is shorter than the header.
     #[error("column `{0}` is missing")]
     ValueMissing(&'static str),
+    /// A line is longer than the header.
+    #[error("{found} values under {columns} columns")]
+    ValuesLeft {
+        /// Columns of the header.
+        columns: usize,
+        /// Values of the line.
+        found: usize,
+    },
     /// Not a number.
     #[error("column `{column}` is `{text}`, which is not a finite number")]
     NotFinite {
@@ -203,11 +211,15 @@ fn rows<const N: usize>(text: &str) -> Result<Vec<Row<N>>, (usize, LineFault)> {
     let mut lines = text.lines().enumerate();
     let (_, header) = lines.next().ok_or((1, LineFault::NoHeader))?;
     let places = column_places::<N>(header).map_err(|fault| (1, fault))?;
+    let columns = header.split(',').count();
     lines
         .filter(|(_, line)| !line.trim().is_empty())
-        .map(|(index, line)| match values_of(line, &places) {
-            Ok(values) => Ok((index + 1, values)),
-            Err(fault) => Err((index + 1, fault)),
+        .map(|(index, line)| {
+            let found = line.split(',').count();
+            let is_longer = found > columns;
+            let fault = is_longer.then_some(LineFault::ValuesLeft { columns, found });
+            let values = fault.map_or_else(|| values_of(line, &places), Err);
+            values.map(|values| (index + 1, values)).map_err(|fault| (index + 1, fault))
         })
         .collect()
 }
@@ -287,6 +299,8 @@ mod tests {
         let good = "0,0,0,0,1,0,1,1,1,0,0,0\n";
         let second = |line: &str| fault(&format!("{HEADER}{good}{line}"));
         assert_eq!(second("0,0,0,0,1,0,1,1,1,0,0"), (3, LineFault::ValueMissing("sb")));
+        let longer = LineFault::ValuesLeft { columns: 12, found: 13 };
+        assert_eq!(second("0,0,0,0,1,0,1,1,1,0,0,0,0"), (3, longer));
         let not_finite = |column, text: &str| (3, LineFault::NotFinite { column, text: text.into() });
         assert_eq!(second("0,0,0,0,1,0,1,NaN,1,0,0,0"), not_finite("g", "NaN"));
         assert_eq!(second("0,inf,0,0,1,0,1,1,1,0,0,0"), not_finite("y", "inf"));

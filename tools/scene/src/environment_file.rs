@@ -1,10 +1,11 @@
 //! Environment maps from Radiance .hdr and OpenEXR files.
 //!
-//! The format is told by content, never by name. Everything that is refused names its cure.
+//! The format is told by content, never by name. A Radiance file's pixels are divided by the exposure and colour correction
+//! that it says it was multiplied by. Everything that is refused names its cure.
 
 use crate::{EnvironmentMap, resource};
 use earthshine_world::Rgb;
-use image::codecs::hdr::HdrDecoder;
+use image::codecs::hdr::{HdrDecoder, HdrMetadata};
 use image::codecs::openexr::OpenExrDecoder;
 use image::{DynamicImage, ImageDecoder, ImageFormat};
 use std::io::Cursor;
@@ -32,9 +33,10 @@ pub(crate) fn read(path: &Path, scale: f32, rotation_deg: f32) -> Result<Environ
         }
         _ => format!("cannot be read: {error}"),
     })?;
-    let image = decode(&bytes)?.into_rgb32f();
+    let (image, exposure) = decode(&bytes)?;
+    let image = image.into_rgb32f();
     let (width, height) = image.dimensions();
-    let radiance = image.pixels().map(|pixel| Rgb::from_array(pixel.0) * scale).collect();
+    let radiance = image.pixels().map(|pixel| Rgb::from_array(pixel.0) * scale / exposure).collect();
     let map = EnvironmentMap::new(width, height, radiance, f64::from(rotation_deg).to_radians());
     let map = map.map_err(|error| format!("{error}; repair them and save the picture again"))?;
     let warning = (u64::from(width) != 2 * u64::from(height)).then(|| {
@@ -46,22 +48,35 @@ pub(crate) fn read(path: &Path, scale: f32, rotation_deg: f32) -> Result<Environ
     Ok(EnvironmentFile { map, warning })
 }
 
-fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
+/// The picture, and what its pixels were multiplied by.
+fn decode(bytes: &[u8]) -> Result<(DynamicImage, Rgb), String> {
     let damaged = |error: image::ImageError| format!("{error}; copy or export it again");
     // Older programs write `#?RGBE`.
     if bytes.starts_with(b"#?") {
         let decoder = HdrDecoder::new_nonstrict(Cursor::new(bytes)).map_err(damaged)?;
-        return within_bounds(decoder);
+        let exposure = exposure(&decoder.metadata())?;
+        return Ok((within_bounds(decoder)?, exposure));
     }
     match image::guess_format(bytes) {
         Ok(ImageFormat::OpenExr) => {
             let decoder = OpenExrDecoder::with_alpha_preference(Cursor::new(bytes), Some(false));
-            within_bounds(decoder.map_err(damaged)?)
+            Ok((within_bounds(decoder.map_err(damaged)?)?, Rgb::ONE))
         }
         Ok(other) => Err(format!(
             "it is {other:?}, which ends at white and holds no radiance; save it as Radiance .hdr or OpenEXR"
         )),
         Err(_) => Err("it is neither Radiance .hdr nor OpenEXR; save the panorama as one of them".to_owned()),
+    }
+}
+
+/// What a Radiance file says its pixels were multiplied by: all lines `EXPOSURE` and `COLORCORR` together.
+fn exposure(metadata: &HdrMetadata) -> Result<Rgb, String> {
+    let [red, green, blue] = metadata.color_correction.map_or([1.0; 3], |(r, g, b)| [r, g, b]);
+    let exposure = Rgb::new(red, green, blue) * metadata.exposure.unwrap_or(1.0);
+    if exposure.is_finite() && exposure.min_element() > 0.0 {
+        Ok(exposure)
+    } else {
+        Err(format!("its header says an exposure of {exposure}; it must be above zero: repair the header"))
     }
 }
 
@@ -116,6 +131,22 @@ mod tests {
         let old = [&b"#?RGBE"[..], &rest].concat();
         assert!(read_bytes(&old).is_ok());
     }
+
+    #[test]
+    fn what_a_file_was_exposed_by_is_taken_back() {
+        let plain = encoded(panorama(64.0), ImageFormat::Hdr);
+        let with = |lines: &str| {
+            let head = b"#?RADIANCE\n".len();
+            read_bytes(&[&plain[..head], lines.as_bytes(), &plain[head..]].concat())
+        };
+        let found = with("EXPOSURE=4\nEXPOSURE=0.5\nCOLORCORR=1 2 0.5\n").expect("a map");
+        assert_eq!(found.map.texel(3, 3), Rgb::new(4.0, 0.25, 0.5));
+        for lines in ["EXPOSURE=0\n", "EXPOSURE=-1\n", "EXPOSURE=inf\n", "COLORCORR=1 0 1\n"] {
+            let cause = with(lines).expect_err("no exposure");
+            assert!(cause.contains("exposure") && cause.contains("repair the header"), "{lines}: {cause}");
+        }
+    }
+
     #[test]
     fn other_pictures_are_refused_with_a_cure() {
         let eight_bits = DynamicImage::from(RgbImage::new(8, 4));

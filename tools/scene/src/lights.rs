@@ -31,6 +31,9 @@ use earthshine_world::{Light, LightRig, Rgb, Sky};
 use std::path::Path;
 use std::sync::Arc;
 
+/// Lamps and suns above this, cd and lx, are probably meant otherwise: the sun has 1e5 lx, a lighthouse some 1e6 cd.
+const STRENGTH_WARNING: f32 = 1e9;
+
 /// What a lights file holds.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LightsFile {
@@ -114,6 +117,13 @@ fn parse(text: &[u8], name: &str, folder: Option<&Path>) -> Result<LightsFile, S
         if strength(&light) == Rgb::ZERO {
             file.warnings.push(format!("{name}: {place} has no intensity and was left out"));
         } else {
+            if strength(&light).max_element() > STRENGTH_WARNING {
+                let found = strength(&light).max_element();
+                file.warnings.push(format!(
+                    "{name}: {place} has an intensity of {found:.1e} cd or lx, more than {STRENGTH_WARNING:.0e}: is a \
+                     smaller one meant?"
+                ));
+            }
             file.lights.push(light);
         }
     }

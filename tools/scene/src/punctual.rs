@@ -37,9 +37,11 @@ pub(crate) fn lights(
             entry: named(),
             cause: cause.to_owned(),
         };
-        let light = in_world(json, strength, world).ok_or_else(|| {
-            bad("its type is none of directional, point and spot, or its node has no direction")
-        })?;
+        if matches!(json.type_, Checked::Invalid) {
+            return Err(bad("its type is none of directional, point and spot"));
+        }
+        let light = in_world(json, strength, world)
+            .ok_or_else(|| bad("its node is scaled to nothing and has no direction"))?;
         let mut rig = LightRig::emission_only();
         rig.lights.push(light);
         rig.validate().map_err(|error| bad(error.cause))?;

@@ -6,7 +6,7 @@ use super::{Axis, Chart, Scale};
 const WIDTH: f64 = 560.0;
 const HEIGHT: f64 = 420.0;
 /// Around the plotting area: left, right, top, bottom.
-const MARGINS: [f64; 4] = [110.0, 24.0, 40.0, 66.0];
+const MARGINS: [f64; 4] = [110.0, 24.0, 52.0, 66.0];
 /// Of a line of text.
 const TEXT_LINE: f64 = 18.0;
 const DOT_RADIUS: f64 = 4.0;
@@ -186,7 +186,7 @@ impl Drawing {
         let legend = if chart.series.len() > 1 { chart.series.len() as f64 * TEXT_LINE } else { 0.0 };
         let (y0, y1) = (above + legend, HEIGHT - below);
         let points = || chart.series.iter().flat_map(|series| &series.points);
-        self.text((left + WIDTH / 2.0, above / 2.0), Anchor::Middle, INK, &chart.title);
+        self.text((left + WIDTH / 2.0, TEXT_LINE), Anchor::Middle, INK, &chart.title);
         let x = Ruler::new(&chart.x, points().map(|point| point.0), [x0, x1])?;
         let y = Ruler::new(&chart.y, points().map(|point| point.1), [y1, y0])?;
         for tick in x.ticks() {

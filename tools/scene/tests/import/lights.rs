@@ -93,6 +93,13 @@ fn lights_json_is_read_and_joined() {
     );
     assert!(matches!(file.lights[2], Light::Spot { inner_cone_rad: 0.2, .. }));
     assert_eq!(file.warnings, ["x.json: light 3, line 1 has no intensity and was left out"]);
+    let blinding = json!({"lights": [{"type": "point", "position": [0, 0, 0], "intensity": 1e30}]});
+    let blinding = parse_lights(blinding.to_string().as_bytes(), "x.json").expect("a light");
+    let warned = &blinding.warnings[..];
+    assert!(
+        warned.len() == 1 && warned[0].contains("x.json: light 0, line 1 has an intensity"),
+        "{warned:?}"
+    );
     assert_eq!(light_rig(&scene, Some(&file)).lights.len(), 4);
     file.use_gltf_lights = false;
     assert_eq!(light_rig(&scene, Some(&file)).lights, file.lights);

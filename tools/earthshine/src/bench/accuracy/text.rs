@@ -33,7 +33,7 @@ pub(super) fn print(report: &Report<Figures>, against: &str) {
         ("bias", format!("{:+.2} %", errors.bias * 100.0), mean),
         ("beyond a factor of two", percent(errors.beyond_factor_two), of_points),
         ("the same, lit points", percent(errors.beyond_factor_two_lit), of_lit),
-        ("without light", errors.uncovered.to_string(), format!("of {all} points; not in the errors above")),
+        ("uncovered", errors.uncovered.to_string(), format!("of {all} points; not in the errors above")),
         ("patches", figures.patches.to_string(), String::new()),
         ("world", format!("{:.3} MB", figures.world_bytes as f64 / 1e6), rate(figures.world_bytes)),
         ("absorbed", percent(figures.absorbed_share_mean), "of a row's rays, mean over rows".to_owned()),
