@@ -4,7 +4,7 @@
 //! for methods that settle, at [`drawing_conformance`] for those that draw.
 
 use crate::news_suite::{Listener, news_conformance};
-use earthshine_radiosity::bench::Streamed;
+use earthshine_radiosity::bench::{Streamed, read, rel_rmse};
 use earthshine_radiosity::closed_box::ClosedBox;
 use earthshine_radiosity::solver::row_light::RowLightFactory;
 use earthshine_radiosity::solver::shooting::SETTLE_FRAMES;
@@ -139,18 +139,6 @@ impl Pair {
         let (light, exact) = (self.light(), self.exact());
         rel_rmse(&light, &exact)
     }
-}
-
-fn read(backend: &mut dyn Backend, slots: &[Slot]) -> Vec<Rgb> {
-    let mut light = vec![Rgb::NAN; slots.len()];
-    backend.read_irradiance(slots, &mut light).expect("taken slots");
-    light
-}
-
-fn rel_rmse(light: &[Rgb], exact: &[Rgb]) -> f64 {
-    let gap: f64 = light.iter().zip(exact).map(|(a, b)| f64::from((*a - *b).length_squared())).sum();
-    let norm: f64 = exact.iter().map(|b| f64::from(b.length_squared())).sum();
-    if gap == 0.0 { 0.0 } else { (gap / norm).sqrt() }
 }
 
 fn steady_light_is_the_matrix_and_constant_to_the_bit(make: MakeLight<'_>, method: Method) {

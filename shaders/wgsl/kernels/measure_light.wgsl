@@ -1,6 +1,9 @@
 // Sums over slots, a pair a workgroup: where light is shot, the power of all patches and what of it is unshot; otherwise
-// squares of what a bounce changes, and of the light. One thread a slot, no atomics.
+// squares of what a bounce changes, as shares of each patch's light. One thread a slot, no atomics.
 // CPU twins: `radiosity::solver::shooting::Unshot`'s `power`, `radiosity::solver::step_gather::change`.
+
+// Light that is as good as none, lx.
+const DARKEST: f32 = 1e-6;
 
 @group(0) @binding(1) var<storage, read> residents: array<Resident>;
 @group(0) @binding(2) var<storage, read> own_light: array<vec4<f32>>;
@@ -24,9 +27,8 @@ fn measure_light(
             first.x = residents[slot].area * largest_of(leaving);
             second.x = residents[slot].area * largest_of(unshot[slot]);
         } else {
-            let gap = gathered[slot] - irradiance[slot];
-            first = gap * gap;
-            second = gathered[slot] * gathered[slot];
+            let share = (gathered[slot] - irradiance[slot]) / max(largest_of(gathered[slot]), DARKEST);
+            first = share * share;
         }
     }
     sum_pairs(first, second, lane);

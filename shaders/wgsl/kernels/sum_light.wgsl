@@ -7,14 +7,6 @@
 // What the remembered scale of light keeps a frame.
 const SCALE_KEPT: f32 = 0.9;
 
-// Squares of a change over squares of light; nothing of nothing is nothing.
-fn part(change: f32, light: f32) -> f32 {
-    if change == 0.0 {
-        return 0.0;
-    }
-    return change / light;
-}
-
 @compute @workgroup_size(256)
 fn sum_light(@builtin(local_invocation_index) lane: u32) {
     var first = vec4<f32>(0.0);
@@ -28,16 +20,14 @@ fn sum_light(@builtin(local_invocation_index) lane: u32) {
     if lane > 0u {
         return;
     }
+    let taken_count = f32(max(pass_of.taken_count, 1u));
     if pass_of.is_shot != 0u {
         let power = firsts[0].x;
-        let mean = power / f32(max(pass_of.taken_count, 1u));
+        let mean = power / taken_count;
         let kept = SCALE_KEPT * bitcast<f32>(shot_words[SHOT_SCALE]);
         shot_words[SHOT_SCALE] = bitcast<u32>(max(kept, mean));
         shot_words[SHOT_UNSHOT_SHARE] = bitcast<u32>(select(0.0, seconds[0].x / power, power > 0.0));
     } else {
-        let change = firsts[0];
-        let light = seconds[0];
-        let worst = max(max(part(change.x, light.x), part(change.y, light.y)), part(change.z, light.z));
-        shot_words[SHOT_CHANGE] = bitcast<u32>(worst);
+        shot_words[SHOT_CHANGE] = bitcast<u32>(largest_of(firsts[0]) / taken_count);
     }
 }

@@ -43,6 +43,7 @@ use crate::timing::{PassTime, Sampling, Timing};
 use buffers::Buffers;
 pub(crate) use buffers::{LINK_BYTES, SLOT_BYTES};
 use earthshine_radiosity::solver::cpu_light::GATHER_SETTLED;
+use earthshine_radiosity::solver::links::LinkRows;
 use earthshine_radiosity::solver::row_light::{Frame, RowLightFactory};
 use earthshine_radiosity::solver::shooting::SETTLE_FRAMES;
 use earthshine_radiosity::solver::{
@@ -265,8 +266,8 @@ impl GpuRowLight {
         self.woken_at = self.news.step();
     }
 
-    fn advance_gathered(&mut self) -> Result<(), BackendError> {
-        let pass = self.pass();
+    fn advance_gathered(&mut self, links: &LinkRows) -> Result<(), BackendError> {
+        let pass = Pass { taken_count: links.taken_count() as u32, ..self.pass() };
         let links = self.edits.links_of(0..self.slots());
         let (mut recorder, buffers) = self.recorder();
         recorder.over(links).send_light(buffers, pass);
@@ -400,7 +401,7 @@ impl RowLight for GpuRowLight {
         self.take_sources(residents, self.pass())?;
         self.rebuild_tables(residents, frame.order, frame.settings.rebuild_items_per_step)?;
         match self.method {
-            Method::Matrix | Method::Gather => self.advance_gathered()?,
+            Method::Matrix | Method::Gather => self.advance_gathered(&residents.links)?,
             Method::Alias | Method::Cdf => self.advance_drawn(frame.settings, frame.number)?,
             Method::Progressive => self.shoot(&residents.links, frame.settings)?,
             Method::Hybrid => {

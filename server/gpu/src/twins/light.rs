@@ -8,6 +8,7 @@ use crate::recorder::folded;
 use earthshine_radiosity::solver::remainder::UNSHOT_MIN;
 use earthshine_radiosity::solver::sampler::sky_part;
 use earthshine_radiosity::solver::shooting::SCALE_KEPT;
+use earthshine_radiosity::solver::step_gather;
 use earthshine_shaders::host::{Pass, Resident};
 use earthshine_shaders::kernel::{
     CLEAR_SLOTS, GATHER_ROWS, MEASURE_LIGHT, PUBLISH_LIGHT, SEND_LIGHT, SEND_REST, SHARE_OUTSIDE, SUM_LAMPS,
@@ -183,10 +184,7 @@ fn light_that_is_measured(bench: &Bench<'_>, n: usize) {
             let share = if all > 0.0 { rest / all } else { 0.0 };
             [f64::from(SCALE_KEPT * before).max(mean), share, f64::from(before)]
         } else {
-            let squares = |of: &dyn Fn(usize, usize) -> f64, c| (0..n).map(|s| of(s, c).powi(2)).sum::<f64>();
-            let gap = |s, c| wide(&gathered, s, c) - wide(&light, s, c);
-            let part = |c| squares(&gap, c) / squares(&|s, c| wide(&gathered, s, c), c);
-            let worst = (0..3).map(part).fold(0.0, f64::max);
+            let worst = step_gather::change(&light, &gathered, taken_count as usize);
             [f64::from(before), f64::from(before), worst]
         };
         assert_near(&found, expected.into_iter(), "what is measured");

@@ -9,11 +9,13 @@
 //! There is no clock in this package: the caller passes one.
 
 mod accuracy;
+mod light;
 mod streamed;
 #[cfg(test)]
 mod tests;
 mod timing;
 
+pub use light::{read, rel_rmse};
 pub use streamed::Streamed;
 pub use timing::Timing;
 

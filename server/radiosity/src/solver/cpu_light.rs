@@ -20,7 +20,7 @@ use rayon::prelude::*;
 
 /// Slots that a task prepares at least.
 const SLOTS_A_TASK: usize = 4096;
-/// Squared relative change of a bounce below which gathering has settled.
+/// Mean square of what a bounce changes of each patch's light, as a share of it, below which gathering has settled.
 pub const GATHER_SETTLED: f64 = 1e-12;
 
 /// What a method keeps besides light.
@@ -130,7 +130,8 @@ impl CpuRowLight {
         Self::prepare_sent(&residents.links, &residents.direct, &self.irradiance, &mut self.sent);
         let mut next = vec![[0.0; 4]; residents.links.capacity()];
         step_gather::bounce(&residents.links, &self.sent, &residents.outside, &mut next);
-        let is_settled = step_gather::change(&self.irradiance, &next) < GATHER_SETTLED;
+        let is_settled =
+            step_gather::change(&self.irradiance, &next, residents.links.taken_count()) < GATHER_SETTLED;
         self.irradiance = next;
         self.state = State::Gather { is_settled };
     }

@@ -4,6 +4,8 @@ use super::links::LinkRows;
 use super::{Light, add_scaled};
 use rayon::prelude::*;
 
+/// Light that is as good as none, lx: the least that clients are told.
+pub const DARKEST: f32 = 1e-6;
 /// Rows a task takes at least.
 const ROWS_MIN: usize = 64;
 
@@ -35,15 +37,17 @@ pub fn bounce(links: &LinkRows, sent: &[Light], outside: &[Light], next: &mut [L
     });
 }
 
-/// `|new - old|^2 / |new|^2` of the worst channel; 0 where nothing changed.
-pub fn change(old: &[Light], new: &[Light]) -> f64 {
-    let (mut gap, mut norm) = ([0.0f64; 3], [0.0f64; 3]);
+/// What a bounce changed, as a share of each patch's light: the mean square over `taken` patches, of the worst channel.
+///
+/// A patch's light is its brightest channel, as it is for the code that clients are told; below [`DARKEST`] nobody can tell.
+/// Not a share of all light: a dark corner of a bright room is the last that light comes to.
+pub fn change(old: &[Light], new: &[Light], taken: usize) -> f64 {
+    let mut squares = [0.0f64; 3];
     for (old, new) in old.iter().zip(new) {
-        for channel in 0..3 {
-            let (old, new) = (f64::from(old[channel]), f64::from(new[channel]));
-            gap[channel] += (new - old) * (new - old);
-            norm[channel] += new * new;
+        let light = new[..3].iter().fold(DARKEST, |light, channel| light.max(channel.abs()));
+        for ((square, new), old) in squares.iter_mut().zip(new).zip(old) {
+            *square += f64::from((new - old) / light).powi(2);
         }
     }
-    (0..3).map(|c| if gap[c] == 0.0 { 0.0 } else { gap[c] / norm[c] }).fold(0.0, f64::max)
+    squares.into_iter().fold(0.0, f64::max) / taken.max(1) as f64
 }

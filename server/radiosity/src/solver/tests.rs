@@ -7,7 +7,7 @@ use super::sampler::{FAR, RowSampler, SKY};
 use super::shooting::SETTLE_FRAMES;
 use super::{DrawnRows, Method, SettingsError, SolverBackend, SolverSettings};
 use crate::backend::{Backend, BackendError, Slot, Update};
-use crate::bench::Streamed;
+use crate::bench::{Streamed, read, rel_rmse};
 use crate::closed_box::ClosedBox;
 use crate::cpu::CpuBackend;
 use crate::tables::{AliasTable, RowTable};
@@ -81,18 +81,6 @@ impl Pair {
         let (light, exact) = (self.light(), self.exact());
         rel_rmse(&light, &exact)
     }
-}
-
-fn read(backend: &mut dyn Backend, slots: &[Slot]) -> Vec<Rgb> {
-    let mut light = vec![Rgb::ZERO; slots.len()];
-    backend.read_irradiance(slots, &mut light).expect("taken slots");
-    light
-}
-
-fn rel_rmse(light: &[Rgb], exact: &[Rgb]) -> f64 {
-    let gap: f64 = light.iter().zip(exact).map(|(a, b)| f64::from((*a - *b).length_squared())).sum();
-    let norm: f64 = exact.iter().map(|b| f64::from(b.length_squared())).sum();
-    if gap == 0.0 { 0.0 } else { (gap / norm).sqrt() }
 }
 
 #[test]
@@ -220,6 +208,39 @@ fn a_closed_room_at_95_percent_stays_in_bounds() {
         // Every patch emits as much: irradiance is 1 / (1 - 0.95) everywhere.
         assert!((mean - 20.0).abs() < 0.4, "{method}: {mean}");
         assert!(light.iter().all(|light| (light.x - 20.0).abs() < 4.0), "{method}");
+    }
+}
+
+/// Goal: what has settled is right in dark corners of bright rooms too. Method: patches in a row, each of which sees its two
+/// neighbours, and a lamp on the first; light of each against the matrix', by its own brightness.
+#[test]
+fn a_gather_settles_no_sooner_than_its_darkest_patches() {
+    let mut gather = empty(14, settings(Method::Gather));
+    let mut matrix = CpuBackend::new(14).expect("a small matrix");
+    let slots: Vec<Slot> = (0..14).map(Slot).collect();
+    for &slot in &slots {
+        let before: Vec<(Slot, f32)> =
+            slot.0.checked_sub(1).map(|before| (Slot(before), 0.45)).into_iter().collect();
+        let (row, column) = (before.clone(), before);
+        let update = [Update::Add { slot, reflectance: Rgb::splat(0.8), area: 1.0, row, column }];
+        gather.apply(&update).expect("a free slot");
+        matrix.apply(&update).expect("a free slot");
+    }
+    let mut exitances = [Rgb::ZERO; 14];
+    exitances[0] = Rgb::splat(1e5);
+    for backend in [&mut gather as &mut dyn Backend, &mut matrix] {
+        backend.set_sources(&slots, &exitances, &[Rgb::ZERO; 14]).expect("taken slots");
+        backend.step().expect("the CPU steps");
+    }
+    let steps = (0..SETTLE_FRAMES).find(|_| {
+        gather.step().expect("the CPU steps");
+        gather.is_settled()
+    });
+    assert!(steps.is_some(), "not settled");
+    let (found, exact) = (read(&mut gather, &slots), read(&mut matrix, &slots));
+    assert!(exact[13].x < 1e-4 * exact[1].x, "{} is not dark", exact[13].x);
+    for (found, exact) in found.iter().zip(&exact) {
+        assert!((found.x / exact.x - 1.0).abs() < 1e-4, "{} for {}", found.x, exact.x);
     }
 }
 
