@@ -335,8 +335,8 @@ gpu_structs! {
         is_taken: u32,
         /// Patches that face along each axis, or [`NO_KEY`](crate::limits::NO_KEY).
         along: [u32; 3],
-        /// 1 where its patches left out places of sides with [`SIDE_LEFT_OUT`](crate::limits::SIDE_LEFT_OUT).
-        has_left_out: u32,
+        /// 1 where rays that meet sides with [`SIDE_FOR_HOST_IN_PLACES`](crate::limits::SIDE_FOR_HOST_IN_PLACES) are the host's.
+        asks_host: u32,
         /// Patches that face the other way.
         against: [u32; 3],
         /// Of sides that are buried in places, by the direction that they face most: a bit for those that are here, and

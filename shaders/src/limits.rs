@@ -16,7 +16,7 @@ pub const GRID_WIDTH: u32 = 4096;
 pub const SHOT_SCALE: u32 = 0;
 /// Among the words of shots: unshot power as a share of all, after a frame.
 pub const SHOT_UNSHOT_SHARE: u32 = 1;
-/// Among the words of shots: squared relative change of a bounce, of the worst channel.
+/// Among the words of shots: mean square of what a bounce changes of each patch's light, as a share of it; of the worst channel.
 pub const SHOT_CHANGE: u32 = 2;
 /// Among the words of shots: patches that shot in a frame.
 pub const SHOT_SHOOTERS: u32 = 3;
@@ -62,8 +62,8 @@ pub const KEY_ABSORBED: u32 = 0xFFFF_FF06;
 pub const NO_KEY: u32 = u32::MAX;
 /// Of a side: only the host can tell what a ray finds that meets it.
 pub const SIDE_FOR_HOST: u32 = 1;
-/// Of a side: that is so in voxels that have left places out.
-pub const SIDE_LEFT_OUT: u32 = 2;
+/// Of a side: that is so in voxels that ask the host.
+pub const SIDE_FOR_HOST_IN_PLACES: u32 = 2;
 /// Of a side: it has no back.
 pub const SIDE_TWO_SIDED: u32 = 4;
 /// Of a side: its front lies inside of something.
@@ -111,7 +111,7 @@ pub const CONSTANTS: &[(&str, u32)] = &[
     ("KEY_ABSORBED", KEY_ABSORBED),
     ("NO_KEY", NO_KEY),
     ("SIDE_FOR_HOST", SIDE_FOR_HOST),
-    ("SIDE_LEFT_OUT", SIDE_LEFT_OUT),
+    ("SIDE_FOR_HOST_IN_PLACES", SIDE_FOR_HOST_IN_PLACES),
     ("SIDE_TWO_SIDED", SIDE_TWO_SIDED),
     ("SIDE_FRONT_BURIED", SIDE_FRONT_BURIED),
     ("SIDE_BACK_BURIED", SIDE_BACK_BURIED),

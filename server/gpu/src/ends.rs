@@ -20,8 +20,8 @@ use wgpu::Buffer;
 pub use earthshine_shaders::host::{EndPart, EndRun, EndSide, RayFan};
 pub use earthshine_shaders::limits::{
     BURIED_IN_PLACES, BURIED_OPEN, KEY_ABSORBED, KEY_SKY, KEY_UNKNOWN, NO_KEY, RAY_PARTS, RUN_RAYS,
-    SIDE_BACK_BURIED, SIDE_FOR_HOST, SIDE_FRONT_BURIED, SIDE_LEFT_OUT, SIDE_TWO_SIDED, SUM_ABSORBED,
-    SUM_WHOLE,
+    SIDE_BACK_BURIED, SIDE_FOR_HOST, SIDE_FOR_HOST_IN_PLACES, SIDE_FRONT_BURIED, SIDE_TWO_SIDED,
+    SUM_ABSORBED, SUM_WHOLE,
 };
 
 /// Parts that one dispatch has room for: 32 MiB.
@@ -51,8 +51,8 @@ pub struct MapVoxel {
     pub voxel: [i32; 3],
     /// By direction, below [`KEY_UNKNOWN`] or [`NO_KEY`].
     pub patches: [u32; 6],
-    /// Whether rays that meet sides with [`SIDE_LEFT_OUT`] there are the host's.
-    pub has_left_out: bool,
+    /// Whether rays that meet sides with [`SIDE_FOR_HOST_IN_PLACES`] there are the host's.
+    pub asks_host: bool,
     /// See [`EndVoxel::buried`].
     pub buried: u32,
 }
@@ -366,15 +366,15 @@ impl AskedRays<'_> {
 fn voxel_table(voxels: &[MapVoxel]) -> Vec<EndVoxel> {
     let mut table = vec![EndVoxel::zeroed(); (2 * voxels.len()).next_power_of_two().max(2)];
     let last = table.len() - 1;
-    for &MapVoxel { voxel, patches, has_left_out, buried } in voxels {
+    for &MapVoxel { voxel, patches, asks_host, buried } in voxels {
         let [x, y, z] = voxel.map(i32::cast_unsigned);
         let mut slot = mix(x.wrapping_add(mix(y.wrapping_add(mix(z))))) as usize & last;
         while table[slot].is_taken != 0 {
             slot = (slot + 1) & last;
         }
         let [along, against] = [0, 1].map(|side| [0, 2, 4].map(|axis| patches[axis + side]));
-        let has_left_out = u32::from(has_left_out);
-        table[slot] = EndVoxel { voxel, is_taken: 1, along, has_left_out, against, buried };
+        let asks_host = u32::from(asks_host);
+        table[slot] = EndVoxel { voxel, is_taken: 1, along, asks_host, against, buried };
     }
     table
 }

@@ -37,9 +37,9 @@ const KEY_UNKNOWN: u32 = 0xFFFF0000u;
 const KEY_SKY: u32 = 0xFFFFFF00u;
 const KEY_ABSORBED: u32 = 0xFFFFFF06u;
 const NO_KEY: u32 = 0xFFFFFFFFu;
-// Of a side: only the host can tell what a ray finds that meets it; in voxels that have left places out; it has no back.
+// Of a side: only the host can tell what a ray finds that meets it; that is so in voxels that ask it; it has no back.
 const SIDE_FOR_HOST: u32 = 1u;
-const SIDE_LEFT_OUT: u32 = 2u;
+const SIDE_FOR_HOST_IN_PLACES: u32 = 2u;
 const SIDE_TWO_SIDED: u32 = 4u;
 // Of a side: its front, or its back, lies inside of something. BURIED_IN_PLACES bits up: that is so in some voxels.
 const SIDE_FRONT_BURIED: u32 = 8u;

@@ -7,7 +7,7 @@ struct EndVoxel {
     voxel: vec3<i32>,        //  0
     is_taken: u32,           // 12
     along: vec3<u32>,        // 16  patches that face along each axis, or NO_KEY
-    has_left_out: u32,       // 28  1 where its patches left out places of sides with SIDE_LEFT_OUT
+    asks_host: u32,          // 28  1 where rays that meet sides with SIDE_FOR_HOST_IN_PLACES are the host's
     against: vec3<u32>,      // 32  patches that face the other way
     buried: u32,             // 44  bits by direction: of sides that are buried here, and of those open here but not elsewhere
 }                            // 48
@@ -106,8 +106,8 @@ fn add_surface(side: EndSide, query: RayQuery, distance: f32, weight: f32, sum: 
     let before = position + normal * pass_of.off_surface_m;
     let slot = voxel_slot(vec3<i32>(floor(before / pass_of.voxel_edge_m)));
     let buried = is_buried(side, is_forward, normal, voxels[slot].buried);
-    let is_left_out = has_flag(side, SIDE_LEFT_OUT) && voxels[slot].has_left_out != 0u;
-    if has_flag(side, SIDE_FOR_HOST) || buried == BURIED_UNKNOWN || (is_left_out && buried != BURIED_YES) {
+    let asks_host = has_flag(side, SIDE_FOR_HOST_IN_PLACES) && voxels[slot].asks_host != 0u;
+    if has_flag(side, SIDE_FOR_HOST) || buried == BURIED_UNKNOWN || (asks_host && buried != BURIED_YES) {
         return false;
     }
     if buried == BURIED_YES {

@@ -43,7 +43,7 @@ pub(crate) fn end_places(scene: &Scene, set: &PatchSet, parameters: &BakeParamet
         .samples()
         .into_iter()
         .map(|piece| {
-            triangles[piece.side as usize / 2].has_left_out = true;
+            triangles[piece.side as usize / 2].is_for_host_in_places = true;
             piece.voxel.to_array()
         })
         .collect();
@@ -61,7 +61,7 @@ pub(crate) fn end_places(scene: &Scene, set: &PatchSet, parameters: &BakeParamet
         triangles
             .par_iter_mut()
             .enumerate()
-            .for_each(|(index, triangle)| triangle.has_left_out |= emits(index));
+            .for_each(|(index, triangle)| triangle.is_for_host_in_places |= emits(index));
     }
     let asked: BTreeSet<[i32; 3]> = left_out.union(&split).copied().collect();
     let edge = parameters.grid.voxel_edge_m;
@@ -144,7 +144,7 @@ fn voxels(
     let end = |voxel: [i32; 3]| EndVoxel {
         voxel: voxel.into(),
         patches: set.of_voxel(voxel.into()),
-        has_left_out: asked.contains(&voxel),
+        asks_host: asked.contains(&voxel),
         buried: buried.get(&voxel).copied().unwrap_or_default(),
     };
     voxels.into_iter().map(end).collect()

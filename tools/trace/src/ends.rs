@@ -33,8 +33,8 @@ pub struct EndTriangle {
     pub parts: [u32; 3],
     /// Whether only the CPU can tell what a ray finds that meets it first: it may have holes.
     pub is_for_host: bool,
-    /// Whether that is so in voxels that have [left places out](EndVoxel::has_left_out).
-    pub has_left_out: bool,
+    /// Whether that is so in voxels that [ask the host](EndVoxel::asks_host).
+    pub is_for_host_in_places: bool,
     /// Whether it has no back.
     pub is_two_sided: bool,
     /// Where its front and its back lie inside of something, so that rays that come to them are absorbed.
@@ -60,9 +60,9 @@ pub struct EndVoxel {
     pub voxel: VoxelCoord,
     /// By direction, below [`COUNTED_PATCHES_MAX`] or [`NO_PATCH`].
     pub patches: [u32; 6],
-    /// Whether its patches left out places on triangles that say so, or a texture says which of two patches a hit on them
-    /// is of.
-    pub has_left_out: bool,
+    /// Whether only the CPU can tell whose hits are on triangles that [say so](EndTriangle::is_for_host_in_places): its patches
+    /// left out places on them, or a texture says which of two patches a hit is of.
+    pub asks_host: bool,
     /// What of the sides that are buried [in places](Buried::InPlaces) is here.
     pub buried: BuriedHere,
 }
@@ -226,7 +226,7 @@ impl EndTriangle {
         let largest = (0..3).max_by_key(|&axis| parts[axis]).unwrap_or(0);
         parts[largest] = (parts[largest] + total).saturating_sub(parts.iter().sum());
         let buried = [Buried::Nowhere; 2];
-        Self { normal, parts, is_for_host, has_left_out: false, is_two_sided: false, buried }
+        Self { normal, parts, is_for_host, is_for_host_in_places: false, is_two_sided: false, buried }
     }
 
     /// Whether a ray that meets its front, or its back, in a voxel with `here` is absorbed; `None` if only the CPU can tell.
@@ -344,10 +344,10 @@ impl RunEnds {
         let position = ray.origin + ray.direction * hit.distance;
         let voxel = ((position + normal * places.off_surface_m) / places.voxel_edge_m).floor().as_ivec3();
         let found = voxels.get(&voxel);
-        let has_left_out = triangle.has_left_out && found.is_some_and(|voxel| voxel.has_left_out);
+        let asks_host = triangle.is_for_host_in_places && found.is_some_and(|voxel| voxel.asks_host);
         let here = found.map_or(BuriedHere::default(), |voxel| voxel.buried);
         let is_buried = triangle.is_buried(hit.front, here);
-        if triangle.is_for_host || has_left_out && is_buried != Some(true) {
+        if triangle.is_for_host || asks_host && is_buried != Some(true) {
             return false;
         }
         match is_buried {

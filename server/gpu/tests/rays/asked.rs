@@ -3,7 +3,7 @@
 use earthshine_gen::{GenOptions, WorldKind};
 use earthshine_gpu::ends::{
     BURIED_IN_PLACES, EndRun, EndSide, RayFan as FanWords, SIDE_BACK_BURIED, SIDE_FOR_HOST,
-    SIDE_FRONT_BURIED, SIDE_LEFT_OUT, SIDE_TWO_SIDED, SUM_ABSORBED, SUM_WHOLE,
+    SIDE_FOR_HOST_IN_PLACES, SIDE_FRONT_BURIED, SIDE_TWO_SIDED, SUM_ABSORBED, SUM_WHOLE,
 };
 use earthshine_gpu::{AdapterChoice, GpuDevice};
 use earthshine_scene::{ImportOptions, Scene, load_bytes};
@@ -105,7 +105,7 @@ pub(crate) fn sides(triangles: &[EndTriangle]) -> Vec<EndSide> {
     let side = |triangle: &EndTriangle| EndSide {
         normal: triangle.normal.to_array(),
         flags: u32::from(triangle.is_for_host) * SIDE_FOR_HOST
-            + u32::from(triangle.has_left_out) * SIDE_LEFT_OUT
+            + u32::from(triangle.is_for_host_in_places) * SIDE_FOR_HOST_IN_PLACES
             + u32::from(triangle.is_two_sided) * SIDE_TWO_SIDED
             + sides_buried(triangle),
         parts: triangle.parts,

@@ -44,7 +44,7 @@ fn places(scene: &Scene, tracer: &SceneTracer<'_>, rays: &[Query], voxel_edge_m:
         voxels.entry(voxel.to_array()).or_insert_with(|| EndVoxel {
             voxel,
             patches: [0, 1, 2, 3, 4, 5].map(patch),
-            has_left_out: chance(u64::from(number), 4) < 0.3,
+            asks_host: chance(u64::from(number), 4) < 0.3,
             // One in four where both are, which the host has to tell apart.
             buried: BuriedHere {
                 buried: (chance(u64::from(number), 6) * 64.0) as u8,
@@ -55,14 +55,14 @@ fn places(scene: &Scene, tracer: &SceneTracer<'_>, rays: &[Query], voxel_edge_m:
     let triangle = |index: usize| {
         let normal = scene.normal(index);
         let weights = AxisWeights::Squared.of(normal).map(|(_, weight)| weight);
-        let has_left_out = chance(index as u64, 5) < 0.3;
+        let is_for_host_in_places = chance(index as u64, 5) < 0.3;
         let buried = [8, 9].map(|of| match chance(index as u64, of) {
             0.0..0.2 => Buried::Everywhere,
             0.2..0.4 => Buried::InPlaces,
             _ => Buried::Nowhere,
         });
         let is_for_host = chance(index as u64, 2) < 0.1;
-        EndTriangle { has_left_out, buried, ..EndTriangle::new(normal, weights, is_for_host) }
+        EndTriangle { is_for_host_in_places, buried, ..EndTriangle::new(normal, weights, is_for_host) }
     };
     EndPlaces {
         voxel_edge_m,
@@ -109,10 +109,10 @@ fn compare(device: &GpuDevice, name: &str, scene: &Scene, voxel_edge_m: f32) {
     let tracer = SceneTracer::new(scene);
     let rays = queries(scene, 20_000);
     let places = places(scene, &tracer, &rays, voxel_edge_m);
-    let voxel = |&EndVoxel { voxel, patches, has_left_out, buried }: &EndVoxel| MapVoxel {
+    let voxel = |&EndVoxel { voxel, patches, asks_host, buried }: &EndVoxel| MapVoxel {
         voxel: voxel.to_array(),
         patches,
-        has_left_out,
+        asks_host,
         buried: u32::from(buried.buried) | u32::from(buried.open) << BURIED_OPEN,
     };
     let voxels: Vec<MapVoxel> = places.voxels.iter().map(voxel).collect();
