@@ -9,6 +9,7 @@
 //! | [`baked`] | a scene becomes a world in a scratch folder |
 //! | [`solved`] | the same world lit as a whole: what the service is held against |
 //! | [`served`] | a server in the background on a free port |
+//! | [`on_disk`] | an engine over a world on disk, without a server |
 //! | [`viewer`] | a client that waits until its light is what it should be |
 //! | [`agreement`] | served light beside solved light |
 //! | [`adapter`] | a device for the GPU backend, or a line that says why not |
@@ -23,6 +24,7 @@ pub mod agreement;
 pub mod backend_suite;
 pub mod baked;
 pub mod news_suite;
+pub mod on_disk;
 pub mod served;
 pub mod shared;
 pub mod solved;

@@ -2,26 +2,20 @@
 //! tells is what an engine on the CPU tells. Without an adapter the test says why it is skipped.
 
 use earthshine_bake::Levels;
-use earthshine_engine::{Command, Engine, EngineConfig, Event, Frame, PatchLight, SessionId};
+use earthshine_engine::{Engine, PatchLight};
 use earthshine_gen::fixtures;
 use earthshine_gpu::GpuDevice;
 use earthshine_gpu::direct::GpuDirect;
 use earthshine_gpu::receivers::GpuReceivers;
-use earthshine_light::{DirectLight, LightUnderWay, OccluderSet, Occluders, PatchPoints};
-use earthshine_radiosity::CpuBackend;
+use earthshine_light::{DirectLight, LightUnderWay, OccluderSet, PatchPoints};
 use earthshine_radiosity::receivers::{ReceiverGather, ReceiverLight, ReceiverSums};
 use earthshine_tests::adapter::device_or_skip;
 use earthshine_tests::baked::{BakedWorld, coarse, imported, own_lights};
-use earthshine_tiles::{BakeParameters, DirStore, TileStore};
-use earthshine_world::lineage::Lineage;
-use earthshine_world::{Asked, Camera, Chunk, ChunkId, Light, LightRig, Rgb, Sky, Vec3};
+use earthshine_tests::on_disk::OnDisk;
+use earthshine_tiles::BakeParameters;
+use earthshine_world::{Asked, Light, LightRig, Rgb, Sky, Vec3};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{Duration, Instant};
-
-const ALICE: SessionId = SessionId(1);
-/// Ticks wait for no device, so how many it takes says nothing.
-const PATIENCE: Duration = Duration::from_secs(120);
 
 /// A device whose answers are counted.
 #[derive(Debug)]
@@ -67,93 +61,16 @@ impl DirectLight for Eager {
     }
 }
 
-/// One engine over a world on disk, whose tiles come at once.
-struct Streamed {
-    engine: Engine,
-    store: DirStore,
-    events: Vec<Event>,
-    ticks: u32,
-    frame: Option<Arc<Frame>>,
-    /// Gathers that a device has answered.
-    answers: Arc<AtomicU64>,
-}
-
-impl Streamed {
-    /// With a third of the patches resident; lit and gathered on `device`, if any.
-    fn new(world: &BakedWorld, device: Option<&GpuDevice>) -> Self {
-        let store = DirStore::open(world.path()).expect("a world");
-        let config = EngineConfig {
-            resident_patches_max: world.patch_count() / 3,
-            load_radius_m: 1000.0,
-            adds_per_tick_max: 256,
-            removals_per_tick_max: 256,
-            shadow_points_per_tick_max: 1 << 20,
-            ..EngineConfig::default()
+/// An engine that is lit and gathered on `device`; `answers` counts its gathers.
+fn on(device: &GpuDevice, answers: &Arc<AtomicU64>) -> impl FnOnce(Engine) -> Engine {
+    let (device, answers) = (device.clone(), Arc::clone(answers));
+    move |engine: Engine| {
+        let engine = engine.lit_by(|| Box::new(Eager(GpuDirect::new(&device).expect("room"))));
+        let make = move || {
+            let receivers = GpuReceivers::new(&device).expect("a small buffer");
+            Box::new(Counted { receivers, answers: Arc::clone(&answers) }) as _
         };
-        let backend = |slots| Ok(Box::new(CpuBackend::new(slots).expect("a small matrix")) as _);
-        let mut engine =
-            Engine::new(store.manifest().index(), config, Box::new(backend)).expect("a sound index");
-        let answers = Arc::new(AtomicU64::default());
-        if let Some(device) = device.cloned() {
-            engine = engine.lit_by(|| Box::new(Eager(GpuDirect::new(&device).expect("room"))));
-            let answers = Arc::clone(&answers);
-            let make = move || {
-                let receivers = GpuReceivers::new(&device).expect("a small buffer");
-                Box::new(Counted { receivers, answers: Arc::clone(&answers) }) as _
-            };
-            engine = engine.gathered_by(Box::new(make));
-        }
-        let events = vec![Event::SessionOpened { session: ALICE }];
-        Self { engine, store, events, ticks: 0, frame: None, answers }
-    }
-
-    fn lineage_of(&self, chunk: &Chunk) -> Arc<Lineage> {
-        let mut lineage = Lineage::default();
-        for &segment in chunk.rows.segments.iter().chain(&chunk.receivers.rows.segments) {
-            let mut id = segment;
-            while lineage.of(id).is_none()
-                && let Some(parents) = self.store.parents(id).expect("a sound tile")
-            {
-                lineage.insert(id, parents);
-                id = id.parent();
-            }
-        }
-        Arc::new(lineage)
-    }
-
-    fn tile(&self, id: ChunkId) -> Event {
-        let chunk = self.store.load(id).expect("a sound tile");
-        let (occluders, lineage) = (Arc::new(Occluders::build(&chunk.occluders)), self.lineage_of(&chunk));
-        Event::TileDecoded { chunk: Arc::new(chunk), occluders, lineage }
-    }
-
-    /// Ticks once; whether nothing is left to do.
-    fn tick(&mut self) -> bool {
-        self.ticks += 1;
-        let mut commands = Vec::new();
-        let now_s = f64::from(self.ticks) / 60.0;
-        let stats = self.engine.tick(now_s, std::mem::take(&mut self.events), &mut commands);
-        self.engine.validate().expect("invariants hold");
-        for command in commands {
-            match command {
-                Command::LoadTile { chunk } => self.events.push(self.tile(chunk)),
-                Command::CancelTile { .. } => {}
-                Command::PublishFrame { frame } => self.frame = Some(frame),
-            }
-        }
-        stats.settled && self.events.is_empty()
-    }
-
-    /// Looks from `position` until the light is settled.
-    fn settled_at(&mut self, position: Vec3, lights: &LightRig) -> Arc<Frame> {
-        self.events.push(Event::Lights { session: ALICE, lights: lights.clone() });
-        let camera = Camera { position, forward: Vec3::X, velocity: Vec3::ZERO };
-        self.events.push(Event::Camera { session: ALICE, camera });
-        let began = Instant::now();
-        while !self.tick() {
-            assert!(began.elapsed() < PATIENCE, "not settled: {:?}", self.engine.stats());
-        }
-        Arc::clone(self.frame.as_ref().expect("settled light is published"))
+        engine.gathered_by(Box::new(make))
     }
 }
 
@@ -191,17 +108,19 @@ fn an_engine_that_gathers_on_a_device_tells_what_the_cpu_tells() {
         let sky = Sky { lobes: [1.0, 2.0, 4.0, 8.0, 16.0, 32.0].map(Rgb::splat) };
         LightRig { lights: vec![light], sky, ..own_lights(&scene) }
     };
-    let (mut on_cpu, mut on_device) = (Streamed::new(&world, None), Streamed::new(&world, Some(&device)));
+    let answers = Arc::new(AtomicU64::default());
+    let mut on_cpu = OnDisk::new(&world, |engine| engine);
+    let mut on_device = OnDisk::new(&world, on(&device, &answers));
     for x in [2.0, 8.0, 14.0, 2.0, 5.0] {
-        let answers_before = on_device.answers.load(Ordering::Relaxed);
+        let answers_before = answers.load(Ordering::Relaxed);
         if x == 5.0 {
             device.destroy();
         }
         let position = Vec3::new(x, 1.6, 1.5);
         let expected = on_cpu.settled_at(position, &lamp(x));
         let found = on_device.settled_at(position, &lamp(x));
-        let answers = on_device.answers.load(Ordering::Relaxed) - answers_before;
-        assert_eq!(answers > 0, !device.is_lost(), "{answers} answers");
+        let answered = answers.load(Ordering::Relaxed) - answers_before;
+        assert_eq!(answered > 0, !device.is_lost(), "{answered} answers");
         assert!(expected.receivers.iter().any(|light| light.fed_share > 0.01), "far light takes part");
         assert_lights(&found.receivers, &expected.receivers, "air");
         assert_lights(&found.details, &expected.details, "detail");
