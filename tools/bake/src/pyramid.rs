@@ -15,7 +15,7 @@ use crate::progress::{Progress, Stage};
 use crate::shard::{Shard, for_all, visits};
 use crate::tile_files::TileFiles;
 use earthshine_tiles::{BakeParameters, ChunkEntry, MappedTile, limits};
-use earthshine_world::{Chunk, ChunkId};
+use earthshine_world::{Chunk, ChunkId, Patch};
 use merge::Merge;
 use numbering::Numbering;
 use rayon::prelude::*;
@@ -26,6 +26,19 @@ pub const TOP_PATCHES_MAX: u64 = 512;
 
 /// Raised when the same finer tiles would give other coarse tiles than before.
 const RECIPE: u32 = 2;
+
+/// Of each patch of the chunks `finer` of a level, which have `chunk_edge_voxels` along an edge: its parent's number in the chunk
+/// above.
+///
+/// # Panics
+/// If a chunk has more patches than numbers, which none of an edge that a bake takes has.
+#[must_use]
+pub fn parent_numbers(
+    finer: &BTreeMap<ChunkId, Vec<Patch>>,
+    chunk_edge_voxels: u32,
+) -> BTreeMap<ChunkId, Vec<u16>> {
+    Numbering::new(finer, chunk_edge_voxels).into_parents()
+}
 
 /// How many levels a world gets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -94,6 +94,11 @@ impl Numbering {
         self.parents.get(&chunk).map_or(&[], Vec::as_slice)
     }
 
+    /// The same of all finer chunks.
+    pub(super) fn into_parents(self) -> BTreeMap<ChunkId, Vec<u16>> {
+        self.parents
+    }
+
     /// Changes with any place of any patch, and with whose child any is.
     pub(super) fn hash(&self) -> u64 {
         self.hash

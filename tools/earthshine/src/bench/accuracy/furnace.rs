@@ -86,6 +86,10 @@ fn check(arguments: &AccuracyArguments) -> Result<(), WrongUse> {
             arguments.reference.is_some() || arguments.write_reference.is_some(),
             "--scene furnace has a closed form for its reference: leave --reference and --write-reference out",
         ),
+        (
+            arguments.noise.is_some(),
+            "--scene furnace has a closed form for its reference, which has no noise: leave --noise out",
+        ),
         (arguments.lights.is_some(), "--scene furnace is lit by its walls alone: leave --lights out"),
         (
             arguments.world.is_some(),

@@ -61,8 +61,9 @@ pub(crate) struct AccuracyArguments {
     #[arg(long, default_value_t = 600)]
     point_count: usize,
     /// Noise at which our own reference stops, as a share of the light.
-    #[arg(long, default_value_t = 0.01)]
-    noise: f32,
+    /// [default: 0.01]
+    #[arg(long)]
+    noise: Option<f32>,
     /// Writes the light of our own path tracer at the points as reference CSV.
     #[arg(long, conflicts_with = "reference")]
     write_reference: Option<PathBuf>,
@@ -89,6 +90,12 @@ pub(crate) struct AccuracyArguments {
     solving: SolvingArguments,
     #[command(flatten)]
     quality: QualityArguments,
+}
+
+impl AccuracyArguments {
+    fn noise(&self) -> f32 {
+        self.noise.unwrap_or(0.01)
+    }
 }
 
 #[derive(Serialize)]
@@ -190,7 +197,7 @@ pub(crate) fn run(arguments: &AccuracyArguments, json: bool) -> anyhow::Result<(
 /// What the light was compared with, in words.
 fn against(arguments: &AccuracyArguments) -> String {
     arguments.reference.as_ref().map_or_else(
-        || format!("our path tracer, to {} % noise a point", arguments.noise * 100.0),
+        || format!("our path tracer, to {} % noise a point", arguments.noise() * 100.0),
         |path| path.display().to_string(),
     )
 }

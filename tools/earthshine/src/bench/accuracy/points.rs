@@ -34,7 +34,7 @@ pub(super) fn reference(
     let tracer = source.tracer();
     let options = ReferenceOptions {
         seed: arguments.quality.seed,
-        target_error_rel: arguments.noise,
+        target_error_rel: arguments.noise(),
         ..ReferenceOptions::default()
     };
     Ok(reference_light::traced(&tracer, &source.lights, &places, &options, quiet))

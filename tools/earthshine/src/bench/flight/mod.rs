@@ -7,6 +7,7 @@ mod figures;
 mod footprint;
 
 use super::Report;
+use crate::exit_code::WrongUse;
 use crate::output::out;
 use anyhow::Context as _;
 use clap::Args;
@@ -86,6 +87,13 @@ pub(super) fn run(arguments: &FlightArguments, json: bool) -> anyhow::Result<()>
         ..ServeArgs::default()
     }
     .resolve()?;
+    if config.tls.is_some() {
+        return Err(WrongUse(
+            "bench flight serves and flies in one process, without a certificate: leave tls out",
+        )
+        .into());
+    }
+    let token = Some(config.bearer_token.0.clone()).filter(|token| !token.is_empty());
     config.listen.set_port(0);
     config.admin_listen.set_port(0);
     let levels = 0..config.engine.solver.by_level.len().max(1);
@@ -96,7 +104,8 @@ pub(super) fn run(arguments: &FlightArguments, json: bool) -> anyhow::Result<()>
     let (flown, backend) = runtime.block_on(async {
         let server = Server::bind(config).await?;
         let (observer, device) = (server.observer(), server.device());
-        let options = options(arguments, &server);
+        let mut options = options(arguments, &server);
+        options.client.credentials.bearer_token = token;
         let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
         let serving = tokio::spawn(server.run(async { drop(stopped.await) }));
         let flown = fly(arguments, &options, observer).await;

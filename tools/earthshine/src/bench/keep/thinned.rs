@@ -4,14 +4,14 @@
 //! exchange stays the same both ways.
 
 use crate::whole_world::WholeWorld;
+use earthshine_bake::pyramid::parent_numbers;
 use earthshine_radiosity::gather::{SparseRows, SparseRowsError};
-use earthshine_radiosity::tables::order::morton;
-use earthshine_world::{Chunk, ChunkId, ChunkRows, Column, Grid};
+use earthshine_world::{Chunk, ChunkId, ChunkRows, Column};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-/// The patches of the next level, numbered by chunk as tiles number them.
+/// The patches of the next level, numbered as the bake numbers them.
 pub(super) struct Parents {
     /// By patch: its parent.
     of: Vec<u32>,
@@ -23,33 +23,32 @@ pub(super) struct Parents {
     children: Vec<Vec<(u32, f32)>>,
 }
 
-/// A parent's chunk, direction, Morton code, and whether it is of what emits: in the order of coarse patches.
-type ParentPlace = (ChunkId, usize, u64, bool);
-
 impl Parents {
     pub(super) fn of(world: &WholeWorld) -> Self {
-        let mut keyed: BTreeMap<ParentPlace, Vec<(u32, f32)>> = BTreeMap::new();
+        Self::of_chunks(world.chunks(), world.manifest.parameters.grid.chunk_edge_voxels)
+    }
+
+    fn of_chunks(chunks: &[Chunk], chunk_edge_voxels: u32) -> Self {
+        let finer = chunks.iter().map(|chunk| (chunk.id, chunk.patches.clone())).collect();
+        let numbers = parent_numbers(&finer, chunk_edge_voxels);
+        let mut by_parent: BTreeMap<(ChunkId, u16), Vec<(u32, f32)>> = BTreeMap::new();
         let mut own_places = Vec::new();
-        for chunk in world.chunks() {
-            for (own, local) in chunk.patches.iter().zip(0u16..) {
-                let voxel = Grid::parent_voxel(own.voxel).to_array();
-                let key = (chunk.id.parent(), own.direction.index(), morton(voxel), own.emits());
-                keyed.entry(key).or_default().push((own_places.len() as u32, own.area));
+        for chunk in chunks {
+            for ((own, &number), local) in chunk.patches.iter().zip(&numbers[&chunk.id]).zip(0u16..) {
+                let children = by_parent.entry((chunk.id.parent(), number)).or_default();
+                children.push((own_places.len() as u32, own.area));
                 own_places.push((chunk.id, local));
             }
         }
         let of = vec![0; own_places.len()];
         let mut parents = Self { of, own_places, places: Vec::new(), children: Vec::new() };
-        let mut last: Option<(ChunkId, u16)> = None;
-        for ((chunk, ..), mut children) in keyed {
-            let local = last.filter(|&(of, _)| of == chunk).map_or(0, |(_, local)| local + 1);
-            last = Some((chunk, local));
+        for (place, mut children) in by_parent {
             let area: f32 = children.iter().map(|&(_, area)| area).sum();
             for (child, own) in &mut children {
                 parents.of[*child as usize] = parents.places.len() as u32;
                 *own /= area;
             }
-            parents.places.push((chunk, local));
+            parents.places.push(place);
             parents.children.push(children);
         }
         parents
@@ -181,6 +180,36 @@ fn least_kept(exchanges: impl Iterator<Item = f32>, keep: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use earthshine_world::{ChunkCoord, Direction, OccluderMesh, Patch, Receivers, Rgb, Vec3, VoxelCoord};
+
+    /// Goal: parents are the bake's. Method: a patch that emits beside one that does not, in one voxel and direction: two parents,
+    /// but in chunks too large for numbers of both.
+    #[test]
+    fn parents_are_those_that_a_bake_makes() {
+        let patch = |area: f32, emission: Rgb| Patch {
+            voxel: VoxelCoord::new(3, 0, 1),
+            direction: Direction::PosY,
+            area,
+            centroid: Vec3::ZERO,
+            reflectance: Rgb::ZERO,
+            emission,
+            point_first: 0,
+            point_count: 0,
+        };
+        let chunk = Chunk {
+            id: ChunkId::new(0, ChunkCoord::ZERO),
+            patches: vec![patch(3.0, Rgb::ZERO), patch(1.0, Rgb::ONE)],
+            points: Vec::new(),
+            rows: ChunkRows::default(),
+            receivers: Receivers::default(),
+            occluders: OccluderMesh::default(),
+        };
+        let chunks = [chunk];
+        let apart = Parents::of_chunks(&chunks, 16);
+        assert_eq!((&apart.of[..], apart.places.len()), (&[0, 1][..], 2));
+        let mixed = Parents::of_chunks(&chunks, 20);
+        assert_eq!((&mixed.of[..], &mixed.children[..]), (&[0, 0][..], &[vec![(0, 0.75), (1, 0.25)]][..]));
+    }
 
     #[test]
     fn the_top_share_is_kept_and_no_more() {
