@@ -1,8 +1,8 @@
 //! A scene becomes a world in a scratch folder that goes when the test ends.
 
-use earthshine_bake::{BakeOptions, BakeSummary, Levels, MemoryLimit, Shard, Silent, bake};
+use earthshine_bake::{BakeOptions, BakeSummary, Levels, Silent, bake};
 use earthshine_scene::{ImportOptions, Scene, light_rig, load_bytes};
-use earthshine_tiles::{BakeParameters, RowCodec};
+use earthshine_tiles::BakeParameters;
 use earthshine_world::{Grid, LightRig};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
@@ -69,17 +69,7 @@ impl BakedWorld {
     ) -> Self {
         let folder = tempfile::tempdir().expect("a scratch folder");
         let path = folder.path().join(name);
-        let options = BakeOptions {
-            parameters,
-            codec: RowCodec::Half,
-            scene_name: name.to_owned(),
-            lights,
-            overwrite: false,
-            levels,
-            shard: Shard::default(),
-            memory: MemoryLimit::default(),
-            discard_work: false,
-        };
+        let options = BakeOptions { levels, ..BakeOptions::new(name, parameters, lights) };
         let summary = baked(scene, &path, &options);
         Self { path, summary, options, _folder: folder }
     }

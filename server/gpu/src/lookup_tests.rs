@@ -3,7 +3,7 @@
 use crate::device::GpuDevice;
 use crate::readback::read_now;
 use crate::twins::device_or_skip;
-use earthshine_bake::{BakeOptions, Levels, MemoryLimit, Shard, Silent, bake};
+use earthshine_bake::{BakeOptions, Levels, Silent, bake};
 use earthshine_gen::{GenOptions, WorldKind};
 use earthshine_scene::{ImportOptions, load_bytes};
 use earthshine_shaders::LOOKUP_IRRADIANCE;
@@ -47,15 +47,10 @@ fn town() -> Vec<Chunk> {
         ..BakeParameters::default()
     };
     let options = BakeOptions {
-        parameters,
         codec: RowCodec::Full,
-        scene_name: "town".to_owned(),
-        lights: LightRig::emission_only(),
-        overwrite: false,
         levels: Levels::Exactly(2),
-        shard: Shard::default(),
-        memory: MemoryLimit::default(),
         discard_work: true,
+        ..BakeOptions::new("town", parameters, LightRig::emission_only())
     };
     bake(&scene, folder.path(), &options, &Silent).expect("a good scene");
     let store = DirStore::open(folder.path()).expect("a world");

@@ -140,7 +140,7 @@ mod tests {
     use crate::builder::{Builder, Surfaces};
     use crate::progress::Silent;
     use crate::rows::RowCaster;
-    use crate::test_shapes::{boxed, quad};
+    use crate::test_shapes::{boxed, point, quad};
     use earthshine_scene::{Material, Scene};
     use earthshine_tiles::BakeParameters;
     use earthshine_trace::SceneTracer;
@@ -203,15 +203,10 @@ mod tests {
     #[test]
     fn doubt_is_a_matter_of_how_much_found_light() {
         let piece = |side: u32, exposure: Exposure| SurfaceSample {
-            position: Vec3::splat(0.5),
-            normal: Vec3::X,
             side,
-            voxel: VoxelCoord::ZERO,
-            area: 1.0,
-            reflectance: Rgb::ONE,
-            emission: Rgb::ZERO,
             exposure,
             is_suspect: true,
+            ..point(Vec3::splat(0.5), Vec3::X, VoxelCoord::ZERO)
         };
         let with_lit = |lit: u32| {
             let exposure = |side: u32| if side < lit { Exposure::Open(1.0) } else { Exposure::Buried };
@@ -220,7 +215,7 @@ mod tests {
         };
         assert_eq!([0, 1, 2, 3].map(with_lit), [16, 15, 14, 0]);
         // One point of two is enough for its piece, whatever faces elsewhere.
-        let halves = [piece(4, Exposure::Buried), piece(4, Exposure::Hidden)];
+        let halves = [piece(4, Exposure::Buried), piece(4, Exposure::Hidden(0.25))];
         assert_eq!(buried_pieces(&halves, AxisWeights::Squared), []);
         assert!(
             reached(halves.iter()).contains_key(&(4, VoxelCoord::ZERO))

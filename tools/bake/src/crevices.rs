@@ -8,18 +8,14 @@
 //! Start at [`Crevices::of`].
 
 use crate::detail::detail_voxel_of;
-use crate::detail_exposure::test_of;
 use crate::exposure::Exposure;
-use crate::rows::RowCaster;
 use crate::sample::{SurfaceSample, side_weights};
 use crate::voxel_map::VoxelMap;
+use earthshine_tiles::BakeParameters;
 use earthshine_world::{AxisWeights, Direction, Vec3, VoxelCoord};
 use glam::IVec3;
-use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Points asked together.
-const BATCH: usize = 256;
 /// What surfaces in crevices reflect.
 const REFLECTANCE: f32 = 0.5;
 
@@ -35,9 +31,8 @@ pub(crate) struct Crevices {
 }
 
 impl Crevices {
-    /// Those among `samples`, all of a chunk's, which `caster`'s rays may begin on.
-    pub(crate) fn of(samples: &[&SurfaceSample], caster: &RowCaster<'_>) -> Self {
-        let parameters = caster.parameters;
+    /// Those among `samples`, all of a chunk's.
+    pub(crate) fn of(samples: &[&SurfaceSample], parameters: &BakeParameters) -> Self {
         let faced = |sample: &SurfaceSample| facing(parameters.weights, sample.normal);
         let is_open = |sample: &SurfaceSample| matches!(sample.exposure, Exposure::Open(_));
         let open: BTreeSet<([i32; 3], Direction)> = samples
@@ -46,25 +41,16 @@ impl Crevices {
             .map(|sample| (sample.voxel.to_array(), faced(sample)))
             .collect();
         // Where nothing is open a patch stands for what is hidden.
-        let is_left_out = |sample: &SurfaceSample| {
-            sample.exposure == Exposure::Hidden && open.contains(&(sample.voxel.to_array(), faced(sample)))
+        let count = |sample: &SurfaceSample| match sample.exposure {
+            Exposure::Hidden(openness) if open.contains(&(sample.voxel.to_array(), faced(sample))) => {
+                Some(counted(openness))
+            }
+            Exposure::Hidden(_) | Exposure::Open(_) => Some(1.0),
+            Exposure::Buried => None,
         };
-        let left_out: Vec<bool> = samples.iter().map(|sample| is_left_out(sample)).collect();
-        let counts: Vec<f32> = samples
-            .par_chunks(BATCH)
-            .zip(left_out.par_chunks(BATCH))
-            .flat_map_iter(|(samples, left_out)| {
-                // As patches see it.
-                let test = test_of(caster, parameters.grid.voxel_edge_m);
-                let count = |(sample, &is_left_out): (&&SurfaceSample, &bool)| {
-                    if is_left_out { counted(test.openness(sample)) } else { 1.0 }
-                };
-                samples.iter().zip(left_out).map(count).collect::<Vec<f32>>()
-            })
-            .collect();
         let mut means: BTreeMap<(u32, [i32; 3]), (f32, f32)> = BTreeMap::new();
-        for (sample, count) in samples.iter().zip(counts) {
-            if sample.exposure != Exposure::Buried {
+        for sample in samples {
+            if let Some(count) = count(sample) {
                 let at = detail_voxel_of(sample.voxel, sample.position, sample.normal, parameters);
                 let mean = means.entry((sample.side, at.to_array())).or_default();
                 *mean = (mean.0 + count * sample.area, mean.1 + sample.area);
@@ -118,54 +104,31 @@ fn around(number: i32) -> IVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::patches::PatchSet;
-    use crate::test_shapes::{quad, scene_of};
-    use earthshine_tiles::BakeParameters;
-    use earthshine_trace::SceneTracer;
-    use earthshine_world::{Grid, Rgb};
+    use crate::test_shapes::point;
+    use earthshine_world::Grid;
 
-    /// Of a floor in a voxel of four metres, under a lid 0.4 m above one half of it: a point under the lid, and one in the
-    /// open, with these exposures.
+    /// Of a floor in a voxel of four metres: two points in detail voxels of their own, with these exposures.
     fn crevices(exposures: [Exposure; 2]) -> Crevices {
-        let lid = quad(Vec3::new(0.0, 0.4, 0.0), Vec3::X * 2.0, Vec3::Z * 4.0);
-        let floor = quad(Vec3::ZERO, Vec3::Z * 4.0, Vec3::X * 4.0);
-        let scene = scene_of([lid, floor].concat());
-        let tracer = SceneTracer::new(&scene);
         let parameters = BakeParameters {
             grid: Grid { voxel_edge_m: 4.0, chunk_edge_voxels: 1 },
             detail: 4,
             ..BakeParameters::default()
         };
-        let set = PatchSet::group(&[], &parameters);
-        let caster = RowCaster {
-            tracer: (&tracer).into(),
-            samples: &[],
-            sources: &[],
-            first: 0,
-            set: &set,
-            parameters: &parameters,
-        };
         let sample = |x: f32, exposure: Exposure| SurfaceSample {
-            position: Vec3::new(x, 0.0, 1.5),
-            normal: Vec3::Y,
             side: 4,
-            voxel: VoxelCoord::ZERO,
-            area: 1.0,
-            reflectance: Rgb::ONE,
-            emission: Rgb::ZERO,
             exposure,
-            is_suspect: false,
+            ..point(Vec3::new(x, 0.0, 1.5), Vec3::Y, VoxelCoord::ZERO)
         };
         let samples = [sample(0.5, exposures[0]), sample(3.5, exposures[1])];
-        Crevices::of(&samples.each_ref(), &caster)
+        Crevices::of(&samples.each_ref(), &parameters)
     }
 
     #[test]
     fn places_that_a_patch_leaves_out_count_by_their_openness() {
-        let found = crevices([Exposure::Hidden, Exposure::Open(1.0)]);
+        let found = crevices([Exposure::Hidden(0.25), Exposure::Open(1.0)]);
         let under = VoxelCoord::new(0, 0, 1);
         let count = found.count(4, under);
-        assert!((0.05..0.6).contains(&count), "{count}");
+        assert_eq!(count, counted(0.25));
         assert_eq!(found.words(), [count]);
         assert_eq!(found.count(4, VoxelCoord::new(3, 0, 1)), 1.0, "in the open");
         assert_eq!(found.count(5, under), 1.0, "the other side");
@@ -175,7 +138,7 @@ mod tests {
 
     #[test]
     fn a_patch_of_hidden_places_stands_for_them() {
-        let found = crevices([Exposure::Hidden; 2]);
+        let found = crevices([Exposure::Hidden(0.25); 2]);
         assert!(found.words().is_empty() && !found.are_beside(VoxelCoord::new(0, 0, 1)));
     }
 

@@ -12,11 +12,12 @@ use crate::content::has_emitters;
 use crate::counted_rows::{RayPlan, RowInquiry};
 use crate::crevices::Crevices;
 use crate::detail_exposure;
-use crate::emitted::{FromEmitter, piece_of};
+use crate::emitted::{FromEmitter, is_plain, piece_of};
 use crate::estimator::emits;
 use crate::inquiry::{Inquiry, Question};
 use crate::layers::layers_of;
 use crate::patches::{BakePatch, PatchSet};
+use crate::places::Place;
 use crate::receivers::thin;
 use crate::rows::{RawRow, RowCaster};
 use crate::sample::{SurfaceSample, voxel_of};
@@ -83,8 +84,8 @@ pub(crate) struct DetailPart {
     pieces: Pieces,
 }
 
-/// The sides of triangles that a layer consists of, ascending ([`piece_of`]), and which share of each lies in it and not in
-/// another one; `None` for the only layer.
+/// The pieces that a layer consists of, ascending ([`piece_of`]), and which share of each lies in it and not in another one;
+/// `None` for the only layer, where its pieces are [plain](is_plain): it has all of these in its detail voxel.
 type Pieces = Option<Vec<(u32, f32)>>;
 
 /// A part that asks a device for the ends of its rays.
@@ -121,7 +122,7 @@ impl<'a> DetailBake<'a> {
             SurfaceSample { voxel, ..*sample }
         };
         let own: Vec<&SurfaceSample> = self.caster.samples.iter().filter(is_own).collect();
-        let crevices = Crevices::of(&own, &self.caster);
+        let crevices = Crevices::of(&own, parameters);
         let mut samples: Vec<SurfaceSample> = own.into_iter().map(in_detail).collect();
         detail_exposure::expose(&mut samples, &self.caster);
         // As what is buried absorbs: where paths cannot be trusted, nothing hangs on them.
@@ -227,20 +228,25 @@ impl<'a> DetailBake<'a> {
         self.caster.set.patches[patch as usize].patch.area
     }
 
-    /// What each of `layers`, made of `samples`, has of sides of triangles.
+    /// What each of `layers`, made of `samples`, has of pieces.
     fn pieces(&self, layers: &[BakePatch], samples: &[SurfaceSample]) -> Vec<Pieces> {
-        if layers.len() == 1 {
-            return vec![None];
-        }
         let scene = self.caster.tracer.tracer().scene();
+        let detail = IVec3::splat(self.caster.parameters.detail.cast_signed());
         let areas = |layer: &BakePatch| {
             let mut areas: BTreeMap<u32, f32> = BTreeMap::new();
             for (sample, area) in areas_of(layer) {
-                *areas.entry(piece_of(scene, samples[sample as usize].side)).or_default() += area;
+                let place = samples[sample as usize].place();
+                let place = Place { voxel: place.voxel.div_euclid(detail), ..place };
+                *areas.entry(piece_of(scene, self.caster.set, &place)).or_default() += area;
             }
             areas
         };
         let by_layer: Vec<BTreeMap<u32, f32>> = layers.iter().map(areas).collect();
+        if let [only] = &by_layer[..]
+            && only.keys().all(|&piece| is_plain(piece))
+        {
+            return vec![None];
+        }
         let mut whole: BTreeMap<u32, f32> = BTreeMap::new();
         by_layer.iter().flatten().for_each(|(&piece, area)| *whole.entry(piece).or_default() += area);
         let share = |(piece, area): (u32, f32)| (piece, area / whole[&piece].max(f32::MIN_POSITIVE));
@@ -270,12 +276,14 @@ fn areas_of(part: &BakePatch) -> impl Iterator<Item = (u32, f32)> {
     part.samples.iter().zip(before).map(|(&(sample, cumulated), before)| (sample, cumulated - before))
 }
 
-/// Of `emitted`: what is of the detail voxel, the direction and, where it has other layers, the pieces of `of`.
+/// Of `emitted`: what is of the detail voxel, the direction and the pieces of `of`.
 fn emitted_to(emitted: &[FromEmitter], of: &DetailPart, parameters: &BakeParameters) -> Vec<FromEmitter> {
     let id = detail_id(of.part.patch.voxel, of.part.patch.direction, parameters);
     let first = emitted.partition_point(|from| from.detail < id);
     let of_voxel = emitted[first..].iter().take_while(|from| from.detail == id);
-    let Some(pieces) = &of.pieces else { return of_voxel.copied().collect() };
+    let Some(pieces) = &of.pieces else {
+        return of_voxel.filter(|from| is_plain(from.piece)).copied().collect();
+    };
     let own = |from: &FromEmitter| {
         let at = pieces.binary_search_by_key(&from.piece, |piece| piece.0).ok()?;
         Some(FromEmitter { share: from.share * pieces[at].1, ..*from })

@@ -26,14 +26,14 @@ pub(crate) fn expose(samples: &mut [SurfaceSample], caster: &RowCaster<'_>) {
     let parameters = caster.parameters;
     samples.par_chunks_mut(BATCH).for_each(|samples| {
         let test = test_of(caster, parameters.of_detail_voxels().grid.voxel_edge_m);
-        for sample in samples.iter_mut().filter(|sample| sample.exposure == Exposure::Hidden) {
+        for sample in samples.iter_mut().filter(|sample| matches!(sample.exposure, Exposure::Hidden(_))) {
             sample.exposure = test.of(sample);
         }
     });
 }
 
 /// Asks by the rays of `caster` what is hidden in voxels of `voxel_edge_m`.
-pub(crate) fn test_of<'a>(caster: &RowCaster<'a>, voxel_edge_m: f32) -> ExposureTest<'a> {
+fn test_of<'a>(caster: &RowCaster<'a>, voxel_edge_m: f32) -> ExposureTest<'a> {
     let BakeParameters { grid, buried_rays, seed, .. } = *caster.parameters;
     ExposureTest {
         tracer: caster.tracer,
@@ -54,7 +54,7 @@ pub(crate) fn reach<'s, I: Iterator<Item = &'s SurfaceSample>>(
     let reached = reached(in_voxels());
     for (sample, of) in samples.iter_mut().zip(in_voxels()) {
         if sample.exposure == Exposure::Buried && reached.contains_key(&(of.side, of.voxel)) {
-            sample.exposure = Exposure::Hidden;
+            sample.exposure = Exposure::Hidden(0.0);
         }
     }
 }
@@ -63,9 +63,9 @@ pub(crate) fn reach<'s, I: Iterator<Item = &'s SurfaceSample>>(
 mod tests {
     use super::*;
     use crate::patches::PatchSet;
-    use crate::test_shapes::{quad, scene_of};
+    use crate::test_shapes::{point, quad, scene_of};
     use earthshine_trace::SceneTracer;
-    use earthshine_world::{Grid, Rgb, Vec3, VoxelCoord};
+    use earthshine_world::{Grid, Vec3, VoxelCoord};
 
     /// Of two points on a floor under lids, one 0.4 m above it and one 0.05 m, both hidden in a voxel of four metres.
     fn exposures(detail: u32) -> Vec<Exposure> {
@@ -89,15 +89,8 @@ mod tests {
             parameters: &parameters,
         };
         let sample = |x: f32| SurfaceSample {
-            position: Vec3::new(x, 0.0, 2.0),
-            normal: Vec3::Y,
-            side: 0,
-            voxel: VoxelCoord::ZERO,
-            area: 1.0,
-            reflectance: Rgb::ONE,
-            emission: Rgb::ZERO,
-            exposure: Exposure::Hidden,
-            is_suspect: false,
+            exposure: Exposure::Hidden(0.25),
+            ..point(Vec3::new(x, 0.0, 2.0), Vec3::Y, VoxelCoord::ZERO)
         };
         let mut samples = [sample(1.0), sample(3.0)];
         expose(&mut samples, &caster);
@@ -106,22 +99,19 @@ mod tests {
 
     #[test]
     fn a_gap_is_hidden_by_the_size_of_the_voxel_that_is_read() {
-        assert_eq!(exposures(1), [Exposure::Hidden; 2], "voxels of 4 m");
-        assert_eq!(exposures(4), [Exposure::Open(1.0), Exposure::Hidden], "detail voxels of 1 m");
+        let is_hidden = |exposure: &Exposure| matches!(exposure, Exposure::Hidden(_));
+        assert!(exposures(1).iter().all(is_hidden), "voxels of 4 m: {:?}", exposures(1));
+        let in_detail = exposures(4);
+        assert!(in_detail[0] == Exposure::Open(1.0) && is_hidden(&in_detail[1]), "of 1 m: {in_detail:?}");
     }
 
     #[test]
     fn what_shares_a_piece_with_light_is_hidden_and_not_buried() {
         let point_of = |side: u32, exposure: Exposure, is_suspect: bool| SurfaceSample {
-            position: Vec3::ZERO,
-            normal: Vec3::Y,
             side,
-            voxel: VoxelCoord::ZERO,
-            area: 1.0,
-            reflectance: Rgb::ONE,
-            emission: Rgb::ZERO,
             exposure,
             is_suspect,
+            ..point(Vec3::ZERO, Vec3::Y, VoxelCoord::ZERO)
         };
         let point = |side: u32, exposure: Exposure| point_of(side, exposure, true);
         let (open, buried) = (Exposure::Open(0.5), Exposure::Buried);
@@ -135,7 +125,7 @@ mod tests {
         reach(&mut samples, || in_voxels.iter());
         assert_eq!(
             samples.map(|sample| sample.exposure),
-            [Exposure::Hidden, open, buried, open, buried, open]
+            [Exposure::Hidden(0.0), open, buried, open, buried, open]
         );
     }
 }

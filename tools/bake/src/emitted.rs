@@ -7,6 +7,10 @@
 //! Sections ascend by chunk, entries by emitter (its [`PatchSet::stable_id`]), then detail voxel ([`detail_id`]), then piece
 //! ([`piece_of`]): layers of a detail voxel consist of pieces, and what an emitter sees of one it need not see of another. A
 //! share is one of the emitter's rays.
+//!
+//! Places that patches leave out, behind a lamp, are lit by lamps as others are, and in a detail voxel something may stand for
+//! them. So they are pieces of their own, as are those that emit: a part has the light of what it consists of, and a wall
+//! beside a flame not what the flame throws on itself.
 
 use crate::BakeError;
 use crate::cells::Seen;
@@ -17,8 +21,9 @@ use crate::inquiry::QUESTION_RAYS;
 use crate::memory;
 use crate::offload::Offload;
 use crate::patches::PatchSet;
+use crate::places::Place;
 use crate::rows::{RAY_OFFSET, RowCaster};
-use crate::sample::{side_of, side_weights, voxel_of};
+use crate::sample::side_weights;
 use crate::shard::{for_all, visits};
 use crate::spread::Spread;
 use crate::stages::{Known, Run};
@@ -48,11 +53,26 @@ pub(crate) struct FromEmitter {
     pub(crate) share: f32,
 }
 
-/// A number of a side of a triangle that does not change with edits elsewhere. Two that share a number matter only in one
-/// detail voxel.
-pub(crate) fn piece_of(scene: &Scene, side: u32) -> u32 {
+/// In the number of a piece: the back of a triangle, places that their patch leaves out, and places that emit.
+const BACK: u32 = 1;
+const LEFT_OUT: u32 = 2;
+const EMITS: u32 = 4;
+
+/// A number of a side of a triangle, and of what `place` on it is to the patches of `set`, that does not change with edits
+/// elsewhere. Two that share a number matter only in one detail voxel.
+pub(crate) fn piece_of(scene: &Scene, set: &PatchSet, place: &Place) -> u32 {
+    let Place { side, voxel, position, emits, .. } = *place;
     let corners = xxh3_64(bytemuck::bytes_of(&scene.triangles[side as usize / 2]));
-    (corners as u32) ^ (side & 1)
+    let bit = |bit: u32, is_set: bool| if is_set { bit } else { 0 };
+    (corners as u32 & !(BACK | LEFT_OUT | EMITS))
+        | bit(BACK, side & 1 == 1)
+        | bit(LEFT_OUT, set.hidden().contains(side, voxel, position))
+        | bit(EMITS, emits)
+}
+
+/// Whether a patch stands for the places of `piece` and they do not emit: as nearly everywhere.
+pub(crate) fn is_plain(piece: u32) -> bool {
+    piece & (LEFT_OUT | EMITS) == 0
 }
 
 /// The files of all chunks with emitters.
@@ -84,7 +104,6 @@ impl EmittedFiles {
         let has_emitters = |range: &Range<u32>| range.clone().any(|patch| emits(set, patch as usize));
         let chunks: Vec<[i32; 3]> =
             set.chunks.iter().filter(|(_, range)| has_emitters(range)).map(|(&chunk, _)| chunk).collect();
-        check_memory(run, known, rays)?;
         let key = xxh3_64(bytemuck::bytes_of(&[known.key, u64::from(rays)]));
         let done = for_all(&visits(run.options.shard, &chunks), |number| {
             let chunk = chunks[number];
@@ -147,14 +166,11 @@ impl EmittedFiles {
     }
 }
 
-/// Refuses to take more than the limit for what all emitters see, each by `rays`, beside what is there.
-fn check_memory(run: &Run<'_>, known: &Known<'_>, rays: u32) -> Result<(), BakeError> {
-    let (set, scene, parameters) = (known.set, known.tracer.scene(), run.parameters());
+/// Bytes that [`EmittedFiles::trace`] takes beside the patches of `set` and what makes them.
+pub(crate) fn bytes(scene: &Scene, set: &PatchSet, parameters: &BakeParameters) -> u64 {
     let count = |range: &Range<u32>| range.clone().filter(|&patch| emits(set, patch as usize)).count() as u64;
     let emitters: Vec<u64> = set.chunks.values().map(count).collect();
-    let of_emitters = memory::of_emitters(scene, parameters, rays, emitters);
-    let needed = run.summary.memory_estimate_bytes + of_emitters;
-    run.options.memory.check(needed, "the scene and what its emitters see", parameters.grid.voxel_edge_m)
+    memory::of_emitters(scene, parameters, emitter_rays(set, parameters), emitters)
 }
 
 /// Of a file: emitter, detail voxel, piece, share.
@@ -209,7 +225,8 @@ fn entries_of(id: u32, shares: Shares) -> Entries {
 /// Shares by chunk, [`detail_id`] and [`piece_of`].
 type Shares = BTreeMap<([i32; 3], u32, u32), f32>;
 
-/// Where the rays of `emitter` end, by the device if there is one; what hits places that count for no patch is left out.
+/// Where the rays of `emitter` end, by the device if there is one; what hits directions without a patch is left out, as no part
+/// is there.
 fn shares_of(caster: &RowCaster<'_>, offload: &Offload<'_>, emitter: u32, rays: u32) -> Shares {
     let source = caster.source(emitter);
     let BakeParameters { seed, method, grid, .. } = *caster.parameters;
@@ -242,17 +259,14 @@ fn shares_of(caster: &RowCaster<'_>, offload: &Offload<'_>, emitter: u32, rays: 
 
 /// Adds the end of `query`, one of `rays`, at `hit`.
 fn add_shares(caster: &RowCaster<'_>, query: &Query, hit: &Hit, rays: u32, shares: &mut Shares) {
-    let parameters = caster.parameters;
-    let position = query.origin + query.direction * hit.distance;
-    let Some(owners) = caster.owners(hit, position) else { return };
-    let normal = caster.tracer.tracer().normal(hit);
-    let voxel = voxel_of(position, normal, parameters.grid.voxel_edge_m);
-    let detail = detail_voxel_of(voxel, position, normal, parameters);
-    let chunk = parameters.grid.chunk_of(voxel).to_array();
-    let piece = piece_of(caster.tracer.tracer().scene(), side_of(hit.triangle, hit.front));
-    for ((direction, weight), (patch, _)) in side_weights(parameters.weights, normal).into_iter().zip(owners)
-    {
-        if weight > 0.0 && patch != PatchSet::NONE {
+    let (parameters, set) = (caster.parameters, caster.set);
+    let place = caster.place(hit, query.origin + query.direction * hit.distance);
+    let detail = detail_voxel_of(place.voxel, place.position, place.normal, parameters);
+    let chunk = parameters.grid.chunk_of(place.voxel).to_array();
+    let piece = piece_of(caster.tracer.tracer().scene(), set, &place);
+    let patches = set.of_voxel(place.voxel);
+    for (direction, weight) in side_weights(parameters.weights, place.normal) {
+        if weight > 0.0 && patches[direction.index()] != PatchSet::NONE {
             let id = detail_id(detail, direction, parameters);
             *shares.entry((chunk, id, piece)).or_default() += weight / rays as f32;
         }

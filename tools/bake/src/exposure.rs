@@ -7,8 +7,8 @@
 //!
 //! *Hidden* points see almost nothing but surfaces much nearer than a voxel (ceiling behind a lamp, wall behind
 //! a picture). Others hardly see them, so they must not share in the mean light of their voxel; they count
-//! only where a patch has nothing else. *Open* points share in it by their openness: a patch's exitance is
-//! what others see of it.
+//! only where a patch has nothing else. *Open* points share in it by their openness, the share of their rays that go
+//! beyond what is near: a patch's exitance is what others see of it.
 
 use crate::eye::Eye;
 use crate::light_search::{LightSearch, Sight};
@@ -22,18 +22,19 @@ use std::cell::{Cell, OnceCell};
 pub enum Exposure {
     /// Stands for its area; the number is its openness, the share of its rays that go far, above zero.
     Open(f32),
-    /// Stands for its area where nothing else does.
-    Hidden,
+    /// Stands for its area where nothing else does; the number is its openness.
+    Hidden(f32),
     /// Stands for nothing.
     Buried,
 }
 
 impl Exposure {
-    /// It as a number, for files: openness, or one below zero.
+    /// It as a number, for files: openness, that of what is hidden with its sign turned, or one below all of them.
     pub(crate) fn word(self) -> f32 {
         match self {
             Self::Open(openness) => openness,
-            Self::Hidden => -1.0,
+            // Of none as well: zeros have a sign.
+            Self::Hidden(openness) => -openness,
             Self::Buried => -2.0,
         }
     }
@@ -41,8 +42,8 @@ impl Exposure {
     /// What [`Self::word`] made.
     pub(crate) fn from_word(word: f32) -> Self {
         match word {
-            -1.0 => Self::Hidden,
             -2.0 => Self::Buried,
+            hidden if hidden.is_sign_negative() => Self::Hidden(-hidden),
             openness => Self::Open(openness),
         }
     }
@@ -88,11 +89,8 @@ impl Verdict {
 
 /// The exposure of a point that is not buried.
 pub(crate) fn unburied(near: u32, rays: u32) -> Exposure {
-    if near as f32 > rays as f32 * NEAR_SHARE {
-        Exposure::Hidden
-    } else {
-        Exposure::Open(1.0 - near as f32 / rays as f32)
-    }
+    let openness = 1.0 - near as f32 / rays as f32;
+    if near as f32 > rays as f32 * NEAR_SHARE { Exposure::Hidden(openness) } else { Exposure::Open(openness) }
 }
 
 /// Tells the exposure of points; one a thread.
@@ -145,17 +143,6 @@ impl ExposureTest<'_> {
             _ if is_lit() => (unburied(near, self.rays), true),
             _ => (Exposure::Buried, true),
         }
-    }
-
-    /// The share of its rays that go beyond what is near.
-    pub(crate) fn openness(&self, sample: &SurfaceSample) -> f32 {
-        let fan = self.fan(sample);
-        let is_near = |index: &u32| {
-            let Query { origin, direction, distance_max } = fan.query(*index);
-            let hit = self.tracer.closest(origin, direction, distance_max);
-            hit.is_some_and(|hit| hit.distance < self.near_m())
-        };
-        1.0 - (0..self.rays).filter(is_near).count() as f32 / self.rays.max(1) as f32
     }
 
     /// All rays that may be cast from `sample` whatever they find. The one rule for rays cast here and on a device.

@@ -9,7 +9,7 @@ use crate::apart::{EMITTER_ORDINALS, is_apart};
 use crate::builder::Builder;
 use crate::clip::clip_to_grid;
 use crate::exposure::Exposure;
-use crate::memory::{MemoryLimit, Trees};
+use crate::memory::{MemoryLimit, Trees, of_trees};
 use crate::rows::{patch_key, voxel_of_key};
 use crate::sample::{EVERYWHERE, OFF_SURFACE, SurfaceSample, sample_triangle, side_of, side_weights};
 use earthshine_scene::Scene;
@@ -30,9 +30,12 @@ const PLACES_ASKED: usize = 512;
 const POINTS_ASKED: usize = 8;
 /// Above so many triangles nothing is taken for buried: a tree over them would take long, and much memory.
 const SEARCHED_TRIANGLES_MAX: usize = 2_000_000;
+/// Bytes that a place takes while places are found: a number in a table that has just grown, and in a list.
+const PLACE_BYTES: u64 = 32;
 /// Times the wanted patches that may be found, buried ones among them, before an edge counts as far too fine.
 const EXCESS: f64 = 16.0;
-/// Above so many places the excess shrinks: all counts of landscapes stay below some 50 MB, whatever a bake may take.
+/// Above so many places the excess shrinks: all counts of landscapes stay below some 60 MB, and below what a bake may
+/// take ([`PatchCounter::within`]).
 const PLACES_MAX: f64 = 1_800_000.0;
 /// Down to this: slanted surfaces fill several voxels a face, and half of their sides may be buried.
 const EXCESS_MIN: f64 = 4.0;
@@ -72,8 +75,8 @@ pub struct PatchCounter<'a> {
     /// All but the voxel edge counts.
     parameters: &'a BakeParameters,
     memory: MemoryLimit,
-    /// Built when it is first needed; `None` where no tree fits.
-    tracer: OnceLock<Option<SceneTracer<'a>>>,
+    /// Built when it is first needed.
+    tracer: OnceLock<SceneTracer<'a>>,
 }
 
 impl<'a> PatchCounter<'a> {
@@ -83,7 +86,8 @@ impl<'a> PatchCounter<'a> {
         Self { scene, parameters, memory: MemoryLimit::default(), tracer: OnceLock::new() }
     }
 
-    /// The same with a tree that `memory` has room for. What is counted stays the same as long as one does.
+    /// The same with places and a tree that `memory` has room for. What is counted stays the same as long as it has: a bake of
+    /// as many patches takes more.
     #[must_use]
     pub fn within(self, memory: MemoryLimit) -> Self {
         Self { memory, ..self }
@@ -91,14 +95,18 @@ impl<'a> PatchCounter<'a> {
 
     /// The edge within `edges_m` at which there are nearest to `patches`, to three digits.
     ///
-    /// Costs some passes over all triangles and, below two million of them, a tree that [`Self::within`] bounds.
+    /// Costs some passes over all triangles and, below two million of them, a tree; [`Self::within`] bounds what they take.
+    /// Where it has no room for enough places to tell nothing is counted: the edge is that of both sides of all surfaces.
     #[must_use]
     pub fn edge_for(&self, patches: f64, edges_m: &RangeInclusive<f32>) -> EdgeGuess {
         let within = |edge: f64| edge.clamp(f64::from(*edges_m.start()), f64::from(*edges_m.end()));
         // Both sides of all surfaces, in squares. Never much finer: what is buried is not nearly all.
         let start = within((2.0 * self.scene.surface_area() / patches).sqrt());
         let finest = within(start / 4.0);
-        let most = most_places(patches);
+        let most = most_places(patches).min(self.places_that_fit());
+        if most < EXCESS_MIN * patches {
+            return EdgeGuess { voxel_edge_m: three_digits(start) as f32, patches: None };
+        }
         let mut edge = start;
         for _ in 0..STEPS {
             let factor = match self.patches_at(edge as f32, most) {
@@ -117,9 +125,17 @@ impl<'a> PatchCounter<'a> {
         EdgeGuess { voxel_edge_m, patches: self.patches_at(voxel_edge_m, most) }
     }
 
-    /// About how many patches a voxel edge of `edge_m` makes; `None` for more than `most`, buried ones among them.
+    /// Places that there is room for beside the scene and its tree.
+    fn places_that_fit(&self) -> f64 {
+        let room = |limit: u64| limit.saturating_sub(of_trees(self.scene, self.trees())) / PLACE_BYTES;
+        self.memory.0.map_or(f64::INFINITY, |limit| room(limit) as f64)
+    }
+
+    /// About how many patches a voxel edge of `edge_m` makes; `None` for more than `most`, buried ones among them, or more than
+    /// there is room for.
     #[must_use]
     pub fn patches_at(&self, edge_m: f32, most: f64) -> Option<PatchGuess> {
+        let most = most.min(self.places_that_fit());
         let grid = Grid { voxel_edge_m: edge_m, ..self.parameters.grid };
         // Not by the bake's seed: its edge would hang on it.
         let parameters = BakeParameters { grid, detail: 1, seed: 0, ..*self.parameters };
@@ -221,7 +237,7 @@ impl<'a> PatchCounter<'a> {
         if !is_searched || places.is_empty() {
             return 1.0;
         }
-        let Some(tracer) = self.tracer() else { return 1.0 };
+        let tracer = self.tracer();
         let asked = drawn(places, parameters.seed);
         let points = self.points_in(&asked, parameters);
         let builder = Builder { tracer, parameters };
@@ -235,14 +251,18 @@ impl<'a> PatchCounter<'a> {
         exposed as f64 / asked.len() as f64
     }
 
-    fn tracer(&self) -> Option<&SceneTracer<'a>> {
-        let built = || {
-            self.memory.trees_alone(self.scene).map(|trees| match trees {
-                Trees::One => SceneTracer::new(self.scene),
-                Trees::OfMeshes => SceneTracer::of_meshes(self.scene),
-            })
-        };
-        self.tracer.get_or_init(built).as_ref()
+    fn tracer(&self) -> &SceneTracer<'a> {
+        self.tracer.get_or_init(|| match self.trees() {
+            Trees::One => SceneTracer::new(self.scene),
+            Trees::OfMeshes => SceneTracer::of_meshes(self.scene),
+        })
+    }
+
+    /// Those that fit beside all places that may be counted, or the smaller ones.
+    fn trees(&self) -> Trees {
+        let of_places = PLACES_MAX as u64 * PLACE_BYTES;
+        let beside = MemoryLimit(self.memory.0.map(|limit| limit.saturating_sub(of_places)));
+        beside.trees_alone(self.scene).unwrap_or(Trees::OfMeshes)
     }
 
     /// Some points of each of the `asked` places.
@@ -301,7 +321,6 @@ fn three_digits(edge: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::memory::of_trees;
     use crate::test_shapes::{boxed, quad, scene_of};
     use earthshine_scene::{Texture, Wrap};
     use earthshine_world::Rgb;
@@ -348,19 +367,26 @@ mod tests {
         assert_eq!(most, [208_000.0, 1_800_000.0, 4e9]);
     }
 
+    /// Goal: counting takes no more memory than a bake may, and comes to the same where it has enough. Method: a floor and the
+    /// inside of a box, which is buried, with room for a smaller tree, for a place less than there are, and for nothing.
     #[test]
-    fn a_smaller_tree_counts_the_same_and_none_takes_nothing_for_buried() {
-        // The inside of the box is buried.
+    fn a_limit_leaves_the_count_as_it_is_or_there_is_none() {
         let floor = quad(Vec3::splat(-4.0), Vec3::Z * 8.0, Vec3::X * 8.0);
         let inside = boxed(Vec3::splat(-2.0), Vec3::splat(2.0)).triangles;
         let scene = scene_of([&floor[..], &inside].concat());
         let parameters = BakeParameters::default();
-        let counted = |memory| {
-            let counter = PatchCounter::new(&scene, &parameters).within(MemoryLimit(memory));
-            counter.patches_at(0.5, 1e6).expect("few patches").count
-        };
-        let free = counted(None);
-        assert_eq!(counted(Some(of_trees(&scene, Trees::OfMeshes))), free);
-        assert!(counted(Some(1)) > 1.2 * free, "{free}");
+        let counter = |memory| PatchCounter::new(&scene, &parameters).within(MemoryLimit(memory));
+        let counted = |memory| counter(memory).patches_at(0.5, 1e6).map(|guess| guess.count);
+        let free = counted(None).expect("few patches");
+        let places = counter(None).places(0.5, 1_000_000).expect("few places").len();
+        assert!(free < 0.9 * places as f64, "{free} of {places}");
+        let with_room = |places: usize| Some(of_trees(&scene, Trees::OfMeshes) + places as u64 * PLACE_BYTES);
+        assert_eq!(counted(with_room(places)), Some(free));
+        assert_eq!(counted(with_room(places - 1)), None);
+        assert_eq!(counted(Some(1)), None);
+        // An edge for as many as a bake has no memory for either is not searched for.
+        let wanted = |memory| counter(memory).edge_for(1e3, &(0.1..=4.0));
+        assert_eq!(wanted(with_room(16_000)), wanted(None));
+        assert_eq!(wanted(Some(1)).patches, None);
     }
 }

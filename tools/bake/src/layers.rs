@@ -218,7 +218,7 @@ mod tests {
     #[test]
     fn hidden_surfaces_come_after_open_ones() {
         let mut behind = wall(0.1);
-        behind.iter_mut().for_each(|sample| sample.exposure = Exposure::Hidden);
+        behind.iter_mut().for_each(|sample| sample.exposure = Exposure::Hidden(0.25));
         let panel = samples(Vec3::X, 0.2, [Vec3::new(0.5, 0.5, 0.5)].into_iter());
         let layers = layers_facing(&[behind, panel].concat(), Direction::PosX);
         assert_eq!((&layers[..16], layers[16]), (&[1; 16][..], 0));

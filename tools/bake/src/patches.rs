@@ -340,18 +340,18 @@ fn exposed<'r>(
     run: &'r [Contribution],
     samples: &'r [SurfaceSample],
     emitters: Emitters,
-) -> impl Iterator<Item = &'r Contribution> + 'r {
+) -> impl Iterator<Item = &'r Contribution> + Clone + 'r {
     let is_hidden = move |contribution: &Contribution| {
         let sample = &samples[contribution.sample as usize];
         let sends = emitters != Emitters::LeftOut && sample.emission != Rgb::ZERO;
-        sample.exposure == Exposure::Hidden && !sends
+        matches!(sample.exposure, Exposure::Hidden(_)) && !sends
     };
     let all = run.iter().all(is_hidden);
     run.iter().filter(move |contribution| all || !is_hidden(contribution))
 }
 
 fn merge<'r>(
-    run: impl Iterator<Item = &'r Contribution>,
+    run: impl Iterator<Item = &'r Contribution> + Clone,
     samples: &[SurfaceSample],
     voxel: VoxelCoord,
     key: u64,
@@ -361,13 +361,20 @@ fn merge<'r>(
     let mut centroid = glam::DVec3::ZERO;
     let (mut reflectance, mut emission) = (glam::DVec3::ZERO, glam::DVec3::ZERO);
     let mut cumulated = Vec::new();
+    let is_open = |of: &Contribution| matches!(samples[of.sample as usize].exposure, Exposure::Open(_));
+    let is_any_open = run.clone().any(is_open);
     for contribution in run {
         let sample = &samples[contribution.sample as usize];
         let weight = f64::from(contribution.weight);
         area += weight;
         cumulated.push((contribution.sample, area as f32));
-        // Exitance is what others see of the patch: open places count more. A patch of hidden ones counts all alike.
-        let openness = if let Exposure::Open(openness) = sample.exposure { openness } else { 1.0 };
+        // Exitance is what others see of the patch: open places count more, and hidden ones of a lamp less than any of them. A
+        // patch of nothing but hidden ones counts all alike.
+        let openness = match sample.exposure {
+            Exposure::Open(openness) => openness,
+            Exposure::Hidden(openness) if is_any_open => openness,
+            Exposure::Hidden(_) | Exposure::Buried => 1.0,
+        };
         let seen_weight = weight * f64::from(openness);
         seen += seen_weight;
         centroid += sample.position.as_dvec3() * seen_weight;
@@ -412,19 +419,11 @@ impl BakePatch {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::test_shapes::point;
 
     fn sample(position: Vec3, normal: Vec3, area: f32) -> SurfaceSample {
-        SurfaceSample {
-            position,
-            normal,
-            side: 0,
-            voxel: position.floor().as_ivec3(),
-            area,
-            reflectance: Rgb::splat(0.5),
-            emission: Rgb::ZERO,
-            exposure: Exposure::Open(1.0),
-            is_suspect: false,
-        }
+        let reflectance = Rgb::splat(0.5);
+        SurfaceSample { area, reflectance, ..point(position, normal, position.floor().as_ivec3()) }
     }
 
     #[test]
@@ -462,6 +461,30 @@ mod tests {
             let layered = PatchSet::of_layers(&samples, &[[0; 6]; 2], &parameters);
             assert_eq!(layered.len(), 1, "beside {rest} m2");
         }
+    }
+
+    /// Goal: a lamp sends as much light far off as its points that lie open do. Method: a lamp whose texture varies between
+    /// points that are hidden and points that half see out; what goes far of each is its emission times its openness.
+    #[test]
+    fn what_a_lamp_sends_is_what_gets_out_of_it() {
+        let parameters = BakeParameters {
+            grid: Grid { voxel_edge_m: 1.0, chunk_edge_voxels: 16 },
+            ..BakeParameters::default()
+        };
+        let place = |emission: f32, exposure: Exposure| SurfaceSample {
+            emission: Rgb::splat(emission),
+            exposure,
+            ..sample(Vec3::splat(0.25), Vec3::Y, 0.1)
+        };
+        let emission =
+            |samples: &[SurfaceSample]| PatchSet::group(samples, &parameters).patches[0].patch.emission.x;
+        let half_open = place(1.0, Exposure::Open(0.5));
+        let bright = emission(&[half_open, place(9.0, Exposure::Hidden(0.25))]);
+        assert!((bright - (0.5 * 1.0 + 0.25 * 9.0) / 0.75).abs() < 1e-5, "{bright}");
+        assert_eq!(emission(&[half_open, place(9.0, Exposure::Hidden(0.0))]), 1.0);
+        // Where all is hidden something must stand for it.
+        let hidden = [1.0, 9.0].map(|light| place(light, Exposure::Hidden(0.0)));
+        assert_eq!(emission(&hidden), 5.0);
     }
 
     #[test]

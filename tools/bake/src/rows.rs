@@ -147,11 +147,16 @@ impl<'a> RowCaster<'a> {
 
     /// Whose `hit` at `position` is.
     pub(crate) fn owners(&self, hit: &Hit, position: Vec3) -> Option<Owners> {
+        self.set.owners(&self.place(hit, position))
+    }
+
+    /// The place of `hit` at `position`, whose voxel is noted.
+    pub(crate) fn place(&self, hit: &Hit, position: Vec3) -> Place {
         let normal = self.tracer.tracer().normal(hit);
         let voxel = voxel_of(position, normal, self.parameters.grid.voxel_edge_m);
         self.tracer.note_voxel(voxel);
         let emits = self.tracer.tracer().emits(hit);
-        self.set.owners(&Place { side: side_of(hit.triangle, hit.front), voxel, position, normal, emits })
+        Place { side: side_of(hit.triangle, hit.front), voxel, position, normal, emits }
     }
 }
 

@@ -7,8 +7,9 @@ use crate::balance::{RowStore, Scaling};
 use crate::builder::{Builder, Surfaces};
 use crate::cells::Cells;
 use crate::content::SceneContent;
-use crate::detail_stage;
+use crate::detail_stage::{self, has_detail};
 use crate::emit::{Emitter, Parts, occluders};
+use crate::emitted;
 use crate::end_places::{end_places, end_triangles};
 use crate::finished_world::{Before, before, remove_unlisted};
 use crate::memory::{self, MemoryLimit, Trees};
@@ -62,6 +63,24 @@ pub struct BakeOptions {
     pub memory: MemoryLimit,
     /// Remove the work folder once the world is whole: an edit is then baked from scratch.
     pub discard_work: bool,
+}
+
+impl BakeOptions {
+    /// A bake by `parameters` by one process, with rows in half precision and as many levels as suit the world.
+    #[must_use]
+    pub fn new(scene_name: &str, parameters: BakeParameters, lights: LightRig) -> Self {
+        Self {
+            parameters,
+            codec: RowCodec::Half,
+            scene_name: scene_name.to_owned(),
+            lights,
+            overwrite: false,
+            levels: Levels::Auto,
+            shard: Shard::default(),
+            memory: MemoryLimit::default(),
+            discard_work: false,
+        }
+    }
 }
 
 /// Bakes `scene` into the folder `world`.
@@ -229,8 +248,11 @@ impl<'a> Run<'a> {
         }
         let of_patches = memory::of_patches(set.len() as u64, self.summary.chunk_samples_max);
         let needed = of_scene + of_patches + set.buried().bytes();
-        self.summary.memory_estimate_bytes = needed;
-        self.options.memory.check(needed, "the scene and its patches", edge_m)?;
+        limit.check(needed, "the scene and its patches", edge_m)?;
+        // What emitters see is asked last of all, and known to be too much before rows take their time.
+        let of_emitters = if has_detail(parameters) { emitted::bytes(scene, &set, parameters) } else { 0 };
+        self.summary.memory_estimate_bytes = needed + of_emitters;
+        limit.check(needed + of_emitters, "the scene and what its emitters see", edge_m)?;
         let (key, states) = (self.common_key(&cells), States::begin(work, &cells)?);
         offload.settle(|| end_places(scene, &set, parameters));
         let (source, tracer, set, offload) = (&source, &tracer, &set, &offload);

@@ -1,27 +1,34 @@
-//! Scenes of known shape for tests: boxes, balls, pairs of squares.
+//! Scenes of known shape for tests: boxes, balls, pairs of squares; and points on nothing in particular.
 
+use crate::exposure::Exposure;
+use crate::sample::SurfaceSample;
 use earthshine_scene::{Material, Scene};
-use earthshine_world::{Rgb, Vec3};
+use earthshine_world::{Rgb, Vec3, VoxelCoord};
 
 /// A scene of white, single-sided triangles.
 pub(crate) fn scene_of(triangles: Vec<[Vec3; 3]>) -> Scene {
     let count = triangles.len();
-    let white = Material {
-        name: "white".to_owned(),
-        base_colour: [0.8; 4],
-        base_colour_texture: None,
-        emitted_radiance: Rgb::ZERO,
-        emissive_texture: None,
-        alpha_cutoff: None,
-        double_sided: false,
-        metallic: 0.0,
-    };
     Scene {
         triangles,
         texture_coordinates: vec![[[0.0; 2]; 3]; count],
         material_of: vec![0; count],
-        materials: vec![white],
+        materials: vec![Material::grey("white", 0.8)],
         ..Scene::default()
+    }
+}
+
+/// An open, white point of a square metre that emits nothing.
+pub(crate) fn point(position: Vec3, normal: Vec3, voxel: VoxelCoord) -> SurfaceSample {
+    SurfaceSample {
+        position,
+        normal,
+        side: 0,
+        voxel,
+        area: 1.0,
+        reflectance: Rgb::ONE,
+        emission: Rgb::ZERO,
+        exposure: Exposure::Open(1.0),
+        is_suspect: false,
     }
 }
 

@@ -2,18 +2,18 @@
 
 use earthshine_bake::pyramid::check::check_energy;
 use earthshine_bake::{
-    BakeError, BakeOptions, BakeSummary, Levels, MemoryLimit, Progress, Shard, Silent, Stage, bake,
-    work_folder,
+    BakeError, BakeOptions, BakeSummary, Levels, MemoryLimit, Progress, Silent, Stage, bake, work_folder,
 };
 use earthshine_gen::{GenOptions, WorldKind};
 use earthshine_scene::{ImportOptions, Scene};
 use earthshine_tiles::{
-    BakeMethod, BakeParameters, DirStore, PatchBuilder, RowCodec, RowEstimator, SampleSource, TileStore,
+    BakeMethod, BakeParameters, DirStore, PatchBuilder, RowEstimator, SampleSource, TileStore,
     check_receivers, check_rows,
 };
 use earthshine_world::{Chunk, ChunkRows, Grid, LightRig, PatchId, ReceiverPlace, Vec3, VoxelCoord};
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 fn scene(kind: WorldKind) -> Scene {
@@ -24,23 +24,9 @@ fn scene(kind: WorldKind) -> Scene {
 
 fn options(voxel_edge_m: f32) -> BakeOptions {
     let grid = Grid { voxel_edge_m, chunk_edge_voxels: 4 };
-    BakeOptions {
-        parameters: BakeParameters {
-            grid,
-            rays_per_patch: 256,
-            detail: 2,
-            detail_rays: 64,
-            ..BakeParameters::default()
-        },
-        codec: RowCodec::Half,
-        scene_name: "generated".to_owned(),
-        lights: LightRig::emission_only(),
-        overwrite: false,
-        levels: Levels::Auto,
-        shard: Shard::default(),
-        memory: MemoryLimit::default(),
-        discard_work: false,
-    }
+    let parameters =
+        BakeParameters { grid, rays_per_patch: 256, detail: 2, detail_rays: 64, ..BakeParameters::default() };
+    BakeOptions::new("generated", parameters, LightRig::emission_only())
 }
 
 fn files(world: &Path) -> BTreeMap<String, Vec<u8>> {
@@ -395,4 +381,33 @@ fn impossible_parameters_are_named() {
     let result = bake(&scene(WorldKind::Furnace), &world, &crowded, &Silent);
     assert!(matches!(result, Err(BakeError::Parameter { name: "clusters a voxel", .. })));
     assert!(!world.is_dir(), "nothing is made before parameters are checked");
+}
+
+/// Notes which stages begin.
+#[derive(Default)]
+struct Begun(Mutex<Vec<Stage>>);
+
+impl Progress for Begun {
+    fn begin(&self, stage: Stage, _total: u64) {
+        self.0.lock().expect("no holder panics").push(stage);
+    }
+    fn advance(&self, _units: u64) {}
+    fn device_failed(&self, _cause: &str) {}
+}
+
+/// Goal: what emitters see is known to be too much before rows take their time. Method: a room with a lamp, within a limit that
+/// leaves no choice of trees, and within a byte less than its bake is then said to take.
+#[test]
+fn too_little_memory_for_emitters_is_said_before_rows() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = scene(WorldKind::Cornell);
+    let limited = |bytes, progress: &dyn Progress| {
+        let options = BakeOptions { memory: MemoryLimit(Some(bytes)), ..options(0.4) };
+        bake(&scene, &folder.path().join(bytes.to_string()), &options, progress)
+    };
+    let needed = limited(84 << 20, &Silent).expect("enough").memory_estimate_bytes;
+    let begun = Begun::default();
+    let refused = limited(needed - 1, &begun).expect_err("too little").to_string();
+    assert!(refused.contains("what its emitters see"), "{refused}");
+    assert_eq!(begun.0.into_inner().expect("no holder panics"), [Stage::Tree, Stage::Exposure]);
 }

@@ -7,8 +7,8 @@ use earthshine_bake::ends::{
     face_fans, first_triangles,
 };
 use earthshine_bake::{
-    BakeOptions, BakeSummary, CasterError, Levels, MemoryLimit, Progress, Query, RayDevice, RayFan, Rays,
-    SceneTracer, Shard, Silent, Stage, bake_on,
+    BakeOptions, BakeSummary, CasterError, Levels, Progress, Query, RayDevice, RayFan, Rays, SceneTracer,
+    Silent, Stage, bake_on,
 };
 use earthshine_gen::{GenOptions, WorldKind};
 use earthshine_light::TreeLayout;
@@ -144,15 +144,9 @@ fn baked_into(
     progress: &dyn Progress,
 ) -> (BakeSummary, Vec<Chunk>) {
     let options = BakeOptions {
-        parameters,
         codec: RowCodec::Full,
-        scene_name: "test".to_owned(),
-        lights: LightRig::emission_only(),
-        overwrite: false,
         levels: Levels::Exactly(1),
-        shard: Shard::default(),
-        memory: MemoryLimit::default(),
-        discard_work: false,
+        ..BakeOptions::new("test", parameters, LightRig::emission_only())
     };
     let summary = bake_on(device, scene, world, &options, progress).expect("a good scene");
     let store = DirStore::open(world).expect("a world");

@@ -2,12 +2,11 @@
 //! Each ends with the bytes of a bake in one piece.
 
 use earthshine_bake::{
-    BakeError, BakeOptions, BakeSummary, Levels, MemoryLimit, Progress, Shard, Silent, Stage, bake,
-    work_folder,
+    BakeError, BakeOptions, BakeSummary, MemoryLimit, Progress, Shard, Silent, Stage, bake, work_folder,
 };
 use earthshine_gen::{GenOptions, WorldKind};
 use earthshine_scene::{ImportOptions, Scene};
-use earthshine_tiles::{BakeParameters, RowCodec};
+use earthshine_tiles::BakeParameters;
 use earthshine_world::{Grid, LightRig, Vec3};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -52,25 +51,16 @@ fn unit(axis: usize) -> Vec3 {
 
 fn options() -> BakeOptions {
     let grid = Grid { voxel_edge_m: 0.8, chunk_edge_voxels: 4 };
-    BakeOptions {
-        parameters: BakeParameters {
-            grid,
-            rays_per_patch: 128,
-            receiver_rays: 64,
-            receiver_reach_voxels: 1,
-            detail: 2,
-            detail_rays: 16,
-            ..BakeParameters::default()
-        },
-        codec: RowCodec::Half,
-        scene_name: "corridor".to_owned(),
-        lights: LightRig::emission_only(),
-        overwrite: false,
-        levels: Levels::Auto,
-        shard: Shard::default(),
-        memory: MemoryLimit::default(),
-        discard_work: false,
-    }
+    let parameters = BakeParameters {
+        grid,
+        rays_per_patch: 128,
+        receiver_rays: 64,
+        receiver_reach_voxels: 1,
+        detail: 2,
+        detail_rays: 16,
+        ..BakeParameters::default()
+    };
+    BakeOptions::new("corridor", parameters, LightRig::emission_only())
 }
 
 fn baked(scene: &Scene, world: &Path, options: &BakeOptions) -> BakeSummary {

@@ -354,21 +354,11 @@ mod tests {
         let edge_of = |width_m: f32| {
             let [a, b, c, d] =
                 [Vec3::ZERO, Vec3::Z * width_m, Vec3::new(width_m, 0.0, width_m), Vec3::X * width_m];
-            let ground = Material {
-                name: "ground".to_owned(),
-                base_colour: [0.5; 4],
-                base_colour_texture: None,
-                emitted_radiance: Vec3::ZERO,
-                emissive_texture: None,
-                alpha_cutoff: None,
-                double_sided: false,
-                metallic: 0.0,
-            };
             let scene = Scene {
                 triangles: vec![[a, b, c], [a, c, d]],
                 texture_coordinates: vec![[[0.0; 2]; 3]; 2],
                 material_of: vec![0; 2],
-                materials: vec![ground],
+                materials: vec![Material::grey("ground", 0.5)],
                 ..Scene::default()
             };
             let one_sided = BakeParameters { two_sided: false, ..BakeParameters::default() };

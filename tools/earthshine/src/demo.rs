@@ -11,7 +11,7 @@ use crate::scene_source::{self, SceneSource};
 use crate::view::{Comparison, ViewArguments};
 use anyhow::Context as _;
 use clap::Args;
-use earthshine_bake::{BakeOptions, BakeSummary, Levels, MemoryLimit, Shard};
+use earthshine_bake::{BakeOptions, BakeSummary};
 use earthshine_client::Lights;
 use earthshine_fly::{FlyFrame, FlyOptions, FlyReport, Path as FlyPath};
 use earthshine_gen::GenOptions;
@@ -19,7 +19,7 @@ use earthshine_render::SceneTracer;
 use earthshine_render::metrics::PictureErrors;
 use earthshine_render::picture::PictureOptions;
 use earthshine_server::{Config, Server};
-use earthshine_tiles::{BakeParameters, RowCodec};
+use earthshine_tiles::BakeParameters;
 use earthshine_world::{Grid, Vec3};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -100,21 +100,13 @@ pub(crate) fn run(arguments: &DemoArguments) -> anyhow::Result<()> {
 }
 
 fn bake(source: &SceneSource, world: &Path, voxel_edge_m: f32) -> anyhow::Result<BakeSummary> {
-    let options = BakeOptions {
-        parameters: BakeParameters {
-            grid: Grid { voxel_edge_m, chunk_edge_voxels: 16 },
-            rays_per_patch: 512,
-            ..BakeParameters::default()
-        },
-        codec: RowCodec::Half,
-        scene_name: source.name.clone(),
-        lights: source.lights.clone(),
-        overwrite: true,
-        levels: Levels::Auto,
-        shard: Shard::default(),
-        memory: MemoryLimit::default(),
-        discard_work: false,
+    let parameters = BakeParameters {
+        grid: Grid { voxel_edge_m, chunk_edge_voxels: 16 },
+        rays_per_patch: 512,
+        ..BakeParameters::default()
     };
+    let options =
+        BakeOptions { overwrite: true, ..BakeOptions::new(&source.name, parameters, source.lights.clone()) };
     let bars = BakeBars::new(false);
     let summary = earthshine_bake::bake(&source.scene, world, &options, &bars)?;
     bars.finish();

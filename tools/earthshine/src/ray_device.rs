@@ -189,7 +189,7 @@ fn said(error: impl std::fmt::Display) -> CasterError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use earthshine_bake::{BakeOptions, BakeSummary, Levels, MemoryLimit, Shard, Silent, bake_on};
+    use earthshine_bake::{BakeOptions, BakeSummary, Levels, Silent, bake_on};
     use earthshine_gen::{GenOptions, WorldKind};
     use earthshine_scene::{ImportOptions, Material, Scene, Texture, Wrap, load, load_bytes, scenes_dir};
     use earthshine_tiles::{BakeParameters, DirStore, RowCodec, TileStore as _};
@@ -226,15 +226,10 @@ mod tests {
     ) -> (BakeSummary, Vec<Chunk>) {
         let folder = tempfile::tempdir().expect("a folder");
         let options = BakeOptions {
-            parameters,
             codec: RowCodec::Full,
-            scene_name: "test".to_owned(),
-            lights: LightRig::emission_only(),
-            overwrite: false,
             levels: Levels::Exactly(1),
-            shard: Shard::default(),
-            memory: MemoryLimit::default(),
             discard_work: true,
+            ..BakeOptions::new("test", parameters, LightRig::emission_only())
         };
         let summary = bake_on(device, scene, folder.path(), &options, &Silent).expect("a good scene");
         let store = DirStore::open(folder.path()).expect("a world");

@@ -5,16 +5,7 @@ use earthshine_world::{Rgb, Vec3};
 
 /// A grey diffuse material.
 pub(crate) fn grey(reflectance: f32) -> Material {
-    Material {
-        name: "grey".into(),
-        base_colour: [reflectance, reflectance, reflectance, 1.0],
-        base_colour_texture: None,
-        emitted_radiance: Rgb::ZERO,
-        emissive_texture: None,
-        alpha_cutoff: None,
-        double_sided: false,
-        metallic: 0.0,
-    }
+    Material::grey("grey", reflectance)
 }
 
 /// A grey material whose front emits `radiance` cd/m2.

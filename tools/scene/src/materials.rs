@@ -91,7 +91,7 @@ pub(crate) fn import(document: &Document<'_>, options: &ImportOptions) -> Result
         all.push(material, uv_sources, &images);
     }
     // Whoever names no material did not mean a metal, although glTF's default for the factor is one.
-    all.push(plain(), UvSources::default(), &images);
+    all.push(Material::grey("default", 1.0), UvSources::default(), &images);
     if averaged_metalness > 0 {
         all.warnings.push(format!(
             "metalness textures of {averaged_metalness} materials were averaged to make metals black"
@@ -112,20 +112,6 @@ impl Materials {
         self.least_alpha.push(range.least_alpha * material.base_colour[3]);
         self.materials.push(material);
         self.uv_sources.push(uv_sources);
-    }
-}
-
-/// White, opaque, dark: what a primitive without a material has.
-fn plain() -> Material {
-    Material {
-        name: "default".to_owned(),
-        base_colour: [1.0; 4],
-        base_colour_texture: None,
-        emitted_radiance: Rgb::ZERO,
-        emissive_texture: None,
-        alpha_cutoff: None,
-        double_sided: false,
-        metallic: 0.0,
     }
 }
 

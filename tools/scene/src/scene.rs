@@ -157,6 +157,21 @@ impl Scene {
 }
 
 impl Material {
+    /// Opaque, of one side, reflecting so much of all colours; emits nothing.
+    #[must_use]
+    pub fn grey(name: &str, reflectance: f32) -> Self {
+        Self {
+            name: name.to_owned(),
+            base_colour: [reflectance, reflectance, reflectance, 1.0],
+            base_colour_texture: None,
+            emitted_radiance: Rgb::ZERO,
+            emissive_texture: None,
+            alpha_cutoff: None,
+            double_sided: false,
+            metallic: 0.0,
+        }
+    }
+
     /// Whether its factor lets anything out. The importer leaves none where a texture is black all over.
     #[must_use]
     pub fn emits(&self) -> bool {

@@ -2,8 +2,8 @@
 
 use crate::progress_bars::BakeBars;
 use crate::scene_source::SceneSource;
-use earthshine_bake::{BakeError, BakeOptions, BakeSummary, Levels, MemoryLimit, RayDevice, Shard};
-use earthshine_tiles::{BakeParameters, RowCodec};
+use earthshine_bake::{BakeError, BakeOptions, BakeSummary, Levels, RayDevice};
+use earthshine_tiles::BakeParameters;
 use std::path::Path;
 
 /// Bakes `source` into `world`, under progress bars.
@@ -26,17 +26,7 @@ pub(super) fn bake_on(
     world: &Path,
     quiet: bool,
 ) -> Result<BakeSummary, BakeError> {
-    let options = BakeOptions {
-        parameters,
-        codec: RowCodec::Half,
-        scene_name: source.name.clone(),
-        lights: source.lights.clone(),
-        overwrite: false,
-        levels,
-        shard: Shard::default(),
-        memory: MemoryLimit::default(),
-        discard_work: false,
-    };
+    let options = BakeOptions { levels, ..BakeOptions::new(&source.name, parameters, source.lights.clone()) };
     let bars = BakeBars::new(quiet);
     let summary = earthshine_bake::bake_on(device, &source.scene, world, &options, &bars)?;
     bars.finish();

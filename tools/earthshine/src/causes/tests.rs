@@ -3,7 +3,7 @@
 use super::{Cause, ExplainOptions, Explained, Explainer, rank};
 use crate::volume_light;
 use crate::whole_world::WholeWorld;
-use earthshine_bake::{BakeOptions, Levels, MemoryLimit, Shard, Silent};
+use earthshine_bake::{BakeOptions, Levels, Silent};
 use earthshine_render::csv::ReferencePoint;
 use earthshine_render::{ReferenceOptions, SceneTracer, irradiance_at_points};
 use earthshine_scene::{Material, Scene};
@@ -12,16 +12,7 @@ use earthshine_world::random::{Purpose, hash, unit_pair};
 use earthshine_world::{Grid, LightRig, Rgb, Vec3};
 
 fn material(reflectance: f32, radiance: f32) -> Material {
-    Material {
-        name: "test".to_owned(),
-        base_colour: [reflectance, reflectance, reflectance, 1.0],
-        base_colour_texture: None,
-        emitted_radiance: Rgb::splat(radiance),
-        emissive_texture: None,
-        alpha_cutoff: None,
-        double_sided: false,
-        metallic: 0.0,
-    }
+    Material { emitted_radiance: Rgb::splat(radiance), ..Material::grey("test", reflectance) }
 }
 
 /// Adds a parallelogram; its front is where `side x up` points.
@@ -73,15 +64,9 @@ fn of_surfaces(voxel_edge_m: f32) -> BakeParameters {
 fn baked(scene: &Scene, parameters: BakeParameters) -> WholeWorld {
     let folder = tempfile::tempdir().unwrap();
     let options = BakeOptions {
-        parameters,
         codec: RowCodec::Full,
-        scene_name: "test".to_owned(),
-        lights: LightRig::emission_only(),
-        overwrite: false,
         levels: Levels::Exactly(1),
-        shard: Shard::default(),
-        memory: MemoryLimit::default(),
-        discard_work: false,
+        ..BakeOptions::new("test", parameters, LightRig::emission_only())
     };
     earthshine_bake::bake(scene, folder.path(), &options, &Silent).unwrap();
     WholeWorld::load(folder.path()).unwrap()
