@@ -230,7 +230,7 @@ mod tests {
     /// take any share between none and all; its share of the thinned row, by many draws.
     #[test]
     fn what_glows_keeps_its_share_whoever_is_drawn() {
-        let glows = |patch: u32| patch % 5 == 0;
+        let glows = |patch: u32| patch.is_multiple_of(5);
         let row: Vec<(u32, f32)> = (0..200u32).map(|i| (i, (1.0 + (i % 7) as f32) / 800.0)).collect();
         let of_lamp = |row: &[(u32, f32)]| -> f32 { row.iter().filter(|e| glows(e.0)).map(|e| e.1).sum() };
         for columns in [4, 24, 79, 120] {
