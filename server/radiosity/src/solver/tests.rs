@@ -1,6 +1,7 @@
 //! Every method against the matrix, through the trait: steady light, steps of light, streaming, changes of method.
 
 mod clearing;
+mod settling;
 
 use super::links::LinkRows;
 use super::sampler::{FAR, RowSampler, SKY};
@@ -208,39 +209,6 @@ fn a_closed_room_at_95_percent_stays_in_bounds() {
         // Every patch emits as much: irradiance is 1 / (1 - 0.95) everywhere.
         assert!((mean - 20.0).abs() < 0.4, "{method}: {mean}");
         assert!(light.iter().all(|light| (light.x - 20.0).abs() < 4.0), "{method}");
-    }
-}
-
-/// Goal: what has settled is right in dark corners of bright rooms too. Method: patches in a row, each of which sees its two
-/// neighbours, and a lamp on the first; light of each against the matrix', by its own brightness.
-#[test]
-fn a_gather_settles_no_sooner_than_its_darkest_patches() {
-    let mut gather = empty(14, settings(Method::Gather));
-    let mut matrix = CpuBackend::new(14).expect("a small matrix");
-    let slots: Vec<Slot> = (0..14).map(Slot).collect();
-    for &slot in &slots {
-        let before: Vec<(Slot, f32)> =
-            slot.0.checked_sub(1).map(|before| (Slot(before), 0.45)).into_iter().collect();
-        let (row, column) = (before.clone(), before);
-        let update = [Update::Add { slot, reflectance: Rgb::splat(0.8), area: 1.0, row, column }];
-        gather.apply(&update).expect("a free slot");
-        matrix.apply(&update).expect("a free slot");
-    }
-    let mut exitances = [Rgb::ZERO; 14];
-    exitances[0] = Rgb::splat(1e5);
-    for backend in [&mut gather as &mut dyn Backend, &mut matrix] {
-        backend.set_sources(&slots, &exitances, &[Rgb::ZERO; 14]).expect("taken slots");
-        backend.step().expect("the CPU steps");
-    }
-    let steps = (0..SETTLE_FRAMES).find(|_| {
-        gather.step().expect("the CPU steps");
-        gather.is_settled()
-    });
-    assert!(steps.is_some(), "not settled");
-    let (found, exact) = (read(&mut gather, &slots), read(&mut matrix, &slots));
-    assert!(exact[13].x < 1e-4 * exact[1].x, "{} is not dark", exact[13].x);
-    for (found, exact) in found.iter().zip(&exact) {
-        assert!((found.x / exact.x - 1.0).abs() < 1e-4, "{} for {}", found.x, exact.x);
     }
 }
 
