@@ -6,7 +6,7 @@
 //! `cos cos / (pi r^2 + A)`, as if nothing stood between the two. How much of the view the patch takes as a whole is not
 //! asked here; the viewer's row knows that, with all that stands between.
 
-use earthshine_world::{DetailVoxel, Grid, ReceiverPlace, Rgb, SamplePoint, Vec3};
+use earthshine_world::{Barrier, DetailVoxel, Grid, ReceiverPlace, Rgb, SamplePoint, Vec3};
 use std::f32::consts::PI;
 
 /// Most points that a viewer looks from.
@@ -23,6 +23,9 @@ const OFF_SURFACE: f32 = 1e-3;
 /// detail voxel's edge, lie in another layer.
 const ALIKE_COSINE: f32 = 0.9;
 const IN_PLANE: f32 = 0.2;
+
+/// How far before a barrier a viewer without points of its own looks from where its middle lies beyond it, in detail voxel edges.
+const BEFORE_BARRIER: f32 = 0.05;
 
 /// Of a patch: direct irradiance on its sample points, where they differ.
 #[derive(Debug, Clone, Copy)]
@@ -65,11 +68,24 @@ impl Viewer {
             let off_plane = ((point.position - middle).dot(normal) - distance).abs();
             point.normal.dot(normal) > ALIKE_COSINE && off_plane < IN_PLANE * edge_m
         };
-        let inside = || own.iter().filter(is_inside).filter(is_in_plane);
+        let is_own_side = |point: &&SamplePoint| {
+            let from_middle = (point.position - middle) / edge_m;
+            let is_before = |barrier: &Barrier| {
+                barrier.towards(place.direction).dot(from_middle) <= barrier.middle_distance()
+            };
+            detail.barriers.iter().flatten().all(is_before)
+        };
+        let inside = || own.iter().filter(is_inside).filter(is_in_plane).filter(is_own_side);
         let step = inside().count().div_ceil(EYES_MAX).max(1);
         let mut eyes: Vec<SamplePoint> = inside().step_by(step).copied().collect();
         if eyes.is_empty() {
-            eyes.push(SamplePoint { position: middle + normal * distance, normal });
+            let before = |position: Vec3, barrier: &Barrier| {
+                let towards = barrier.towards(place.direction);
+                let beyond = towards.dot((position - middle) / edge_m) - barrier.middle_distance();
+                if beyond > 0.0 { position - towards * (beyond + BEFORE_BARRIER) * edge_m } else { position }
+            };
+            let position = detail.barriers.iter().flatten().fold(middle + normal * distance, before);
+            eyes.push(SamplePoint { position, normal });
         }
         let area = edge_m * edge_m / eyes.len() as f32;
         Self { eyes, area }
@@ -206,5 +222,27 @@ mod tests {
         assert_eq!(layer(SurfacePlane::new(Vec3::X, 0.3)), own[4..8]);
         let found = layer(SurfacePlane::new(slanted, -0.4));
         assert!(!found.is_empty() && found.iter().all(|eye| own[8..].contains(eye)));
+    }
+
+    /// Goal: nothing of a wall's other side is looked from. Method: a surface whose points lie on both sides of a barrier, and
+    /// one that has none before it, whose middle lies beyond.
+    #[test]
+    fn eyes_lie_before_the_layer_s_barriers() {
+        let own: Vec<SamplePoint> = (0..8)
+            .map(|i| SamplePoint { position: Vec3::new(0.0, 0.03 + 0.06 * i as f32, 0.25), normal: Vec3::X })
+            .collect();
+        let plane = SurfacePlane::new(Vec3::X, -0.5);
+        let eyes = |towards: Vec3, distance: f32, own: &[SamplePoint]| {
+            let barrier = Barrier::new(Direction::PosX, towards, distance);
+            let detail = DetailVoxel { barriers: [barrier, None], ..DetailVoxel::new(IVec3::ZERO, 0, plane) };
+            Viewer::new(&wall(), detail, 2, &GRID, own).eyes
+        };
+        // The middle is at y = 0.25, the barrier at 0.15: a fifth of an edge below it.
+        let below = eyes(Vec3::Y, -0.2, &own);
+        assert!(!below.is_empty() && below.iter().all(|eye| own[..2].contains(eye)), "{below:?}");
+        let above = eyes(Vec3::NEG_Y, 0.2, &own);
+        assert!(!above.is_empty() && above.iter().all(|eye| own[2..].contains(eye)), "{above:?}");
+        let [only] = eyes(Vec3::Y, -0.2, &own[2..])[..] else { panic!("the middle stands for it") };
+        assert!(only.position.y < 0.15 && only.position.y > 0.1, "{}", only.position);
     }
 }

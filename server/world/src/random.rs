@@ -26,6 +26,8 @@ pub enum Purpose {
     Simulation = 9,
     /// Rays of receivers' rows, and which of their columns stay.
     ReceiverRay = 10,
+    /// Ways along surfaces that find walls.
+    WallSegment = 11,
 }
 
 /// 64 well-mixed bits of (seed, purpose, a, b). The finaliser of `SplitMix64`, once a word.

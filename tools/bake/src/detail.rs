@@ -12,12 +12,12 @@ use crate::content::has_emitters;
 use crate::counted_rows::{RayPlan, RowInquiry};
 use crate::crevices::Crevices;
 use crate::detail_exposure;
-use crate::emitted::{FromEmitter, is_plain, piece_of};
+use crate::emitted::{FromEmitter, is_plain};
 use crate::estimator::emits;
 use crate::inquiry::{Inquiry, Question};
-use crate::layers::layers_of;
+use crate::layers::{Layers, layers_of};
 use crate::patches::{BakePatch, PatchSet};
-use crate::places::Place;
+use crate::pieces::Pieces;
 use crate::receivers::thin;
 use crate::rows::{RawRow, RowCaster};
 use crate::sample::{SurfaceSample, voxel_of};
@@ -27,7 +27,6 @@ use earthshine_trace::ends::RunEnds;
 use earthshine_world::random::{Purpose, hash, unit_f32};
 use earthshine_world::{DetailVoxel, Direction, Patch, ReceiverPlace, SurfacePlane, Vec3, VoxelCoord};
 use glam::IVec3;
-use std::collections::BTreeMap;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// The detail voxel that a place on a surface belongs to, in the grid of detail voxels: one of `voxel`, even if the place
@@ -69,11 +68,13 @@ pub(crate) struct DetailBake<'a> {
 pub(crate) struct ChunkDetail {
     /// In detail voxels.
     pub(crate) samples: Vec<SurfaceSample>,
-    /// Changes with their exposures, and with what places in crevices count: rays decided some of them.
+    /// Changes with their exposures, with what places in crevices count, and with their layers: rays decided some of them.
     pub(crate) exposures: u64,
     pub(crate) crevices: Crevices,
     /// Ascending by place.
     pub(crate) parts: Vec<DetailPart>,
+    /// Rays cast to find walls.
+    pub(crate) wall_rays: u64,
 }
 
 /// A layer of what faces one direction in a detail voxel: a receiver.
@@ -81,12 +82,9 @@ pub(crate) struct ChunkDetail {
 pub(crate) struct DetailPart {
     pub(crate) place: ReceiverPlace,
     pub(crate) part: BakePatch,
-    pieces: Pieces,
+    /// `None` for the only layer, where its pieces are [plain](is_plain): it has all of these in its detail voxel.
+    pieces: Option<Pieces>,
 }
-
-/// The pieces that a layer consists of, ascending ([`piece_of`]), and which share of each lies in it and not in another one;
-/// `None` for the only layer, where its pieces are [plain](is_plain): it has all of these in its detail voxel.
-type Pieces = Option<Vec<(u32, f32)>>;
 
 /// A part that asks a device for the ends of its rays.
 #[derive(Debug)]
@@ -130,24 +128,28 @@ impl<'a> DetailBake<'a> {
             detail_exposure::reach(&mut samples, || self.caster.samples.iter().filter(is_own));
         }
         let of_detail = parameters.of_detail_voxels();
-        let found = PatchSet::of_layers(&samples, &layers_of(&samples, &of_detail), &of_detail);
+        let layers = layers_of(&samples, &of_detail, self.caster.tracer);
+        let found = PatchSet::of_layers(&samples, &layers.of_samples, &of_detail);
         // Layers of one detail voxel and direction lie side by side.
         let is_same = |a: &BakePatch, b: &BakePatch| {
             (a.patch.voxel, a.patch.direction) == (b.patch.voxel, b.patch.direction)
         };
         let mut parts = Vec::new();
-        for layers in found.patches.chunk_by(is_same) {
-            let pieces = self.pieces(layers, &samples);
-            let part = |((layer, part), pieces): ((u8, &BakePatch), Pieces)| {
+        for own in found.patches.chunk_by(is_same) {
+            let pieces = Pieces::of(own, &samples, &self.caster);
+            let part = |((layer, part), pieces): ((u8, &BakePatch), Option<Pieces>)| {
                 let place = self.place(part, layer, &samples)?;
+                let place = with_barriers(place, part, &layers);
                 Some(DetailPart { place, part: part.clone(), pieces })
             };
-            parts.extend((0..).zip(layers).zip(pieces).filter_map(part));
+            parts.extend((0..).zip(own).zip(pieces).filter_map(part));
         }
         parts.sort_by_key(|part| part.place.order());
         let exposures = samples.iter().map(|sample| sample.exposure.word());
         let words: Vec<f32> = exposures.chain(crevices.words().iter().copied()).collect();
-        ChunkDetail { exposures: xxh3_64(bytemuck::cast_slice(&words)), crevices, samples, parts }
+        let hashes = [bytemuck::cast_slice(&words), layers.of_samples.as_flattened()].map(xxh3_64);
+        let exposures = xxh3_64(bytemuck::bytes_of(&hashes));
+        ChunkDetail { exposures, crevices, samples, parts, wall_rays: layers.rays }
     }
 
     /// The row of `of`, which is made of the caster's samples.
@@ -181,7 +183,7 @@ impl<'a> DetailBake<'a> {
     /// What becomes of the `row` that rays of `of` say: with what emitters say, and no longer than it may be.
     pub(crate) fn finished(&self, mut row: RawRow, of: &DetailPart) -> RawRow {
         let BakeParameters { seed, detail_columns, .. } = *self.caster.parameters;
-        let emitted = emitted_to(self.emitted, of, self.caster.parameters);
+        let emitted = emitted_to(self.emitted, of, &self.caster);
         self.with_emitters(&mut row, of.part.patch.area, &emitted);
         let draw = unit_f32(hash(seed, Purpose::ReceiverRay, !of.part.key, 0));
         thin(&mut row.entries, detail_columns as usize, draw, |patch| emits(self.caster.set, patch as usize));
@@ -228,31 +230,6 @@ impl<'a> DetailBake<'a> {
         self.caster.set.patches[patch as usize].patch.area
     }
 
-    /// What each of `layers`, made of `samples`, has of pieces.
-    fn pieces(&self, layers: &[BakePatch], samples: &[SurfaceSample]) -> Vec<Pieces> {
-        let scene = self.caster.tracer.tracer().scene();
-        let detail = IVec3::splat(self.caster.parameters.detail.cast_signed());
-        let areas = |layer: &BakePatch| {
-            let mut areas: BTreeMap<u32, f32> = BTreeMap::new();
-            for (sample, area) in areas_of(layer) {
-                let place = samples[sample as usize].place();
-                let place = Place { voxel: place.voxel.div_euclid(detail), ..place };
-                *areas.entry(piece_of(scene, self.caster.set, &place)).or_default() += area;
-            }
-            areas
-        };
-        let by_layer: Vec<BTreeMap<u32, f32>> = layers.iter().map(areas).collect();
-        if let [only] = &by_layer[..]
-            && only.keys().all(|&piece| is_plain(piece))
-        {
-            return vec![None];
-        }
-        let mut whole: BTreeMap<u32, f32> = BTreeMap::new();
-        by_layer.iter().flatten().for_each(|(&piece, area)| *whole.entry(piece).or_default() += area);
-        let share = |(piece, area): (u32, f32)| (piece, area / whole[&piece].max(f32::MIN_POSITIVE));
-        by_layer.into_iter().map(|areas| Some(areas.into_iter().map(share).collect())).collect()
-    }
-
     /// Where the receiver of `part`, made of `samples`, is; `None` where its voxel has no patch.
     fn place(&self, part: &BakePatch, layer: u8, samples: &[SurfaceSample]) -> Option<ReceiverPlace> {
         let parameters = self.caster.parameters;
@@ -261,7 +238,7 @@ impl<'a> DetailBake<'a> {
         let BakePatch { patch: Patch { voxel: coord, direction, centroid, .. }, .. } = *part;
         let voxel = coord.div_euclid(IVec3::splat(detail));
         let has_patch = self.caster.set.of_voxel(voxel)[direction.index()] != PatchSet::NONE;
-        let normal = areas_of(part).map(|(sample, area)| samples[sample as usize].normal * area);
+        let normal = part.areas().map(|(sample, area)| samples[sample as usize].normal * area);
         let normal = normal.sum::<Vec3>().normalize_or(direction.vector());
         let from_middle = centroid / edge_m - (coord.as_vec3() + 0.5);
         let plane = SurfacePlane::new(normal, from_middle.dot(normal));
@@ -270,23 +247,27 @@ impl<'a> DetailBake<'a> {
     }
 }
 
-/// The samples of `part`, and how much of its area each is, m2.
-fn areas_of(part: &BakePatch) -> impl Iterator<Item = (u32, f32)> {
-    let before = std::iter::once(0.0).chain(part.samples.iter().map(|&(_, cumulated)| cumulated));
-    part.samples.iter().zip(before).map(|(&(sample, cumulated), before)| (sample, cumulated - before))
+/// `place` of `part`, with what ends its layer.
+fn with_barriers(place: ReceiverPlace, part: &BakePatch, layers: &Layers) -> ReceiverPlace {
+    let Patch { voxel, direction, .. } = part.patch;
+    // Layers that make no patch leave gaps in those of samples.
+    let layer = layers.of_samples[part.samples[0].0 as usize][direction.index()];
+    let barriers = layers.barriers(voxel, direction, layer);
+    ReceiverPlace { detail: place.detail.map(|detail| DetailVoxel { barriers, ..detail }), ..place }
 }
 
 /// Of `emitted`: what is of the detail voxel, the direction and the pieces of `of`.
-fn emitted_to(emitted: &[FromEmitter], of: &DetailPart, parameters: &BakeParameters) -> Vec<FromEmitter> {
-    let id = detail_id(of.part.patch.voxel, of.part.patch.direction, parameters);
+fn emitted_to(emitted: &[FromEmitter], of: &DetailPart, caster: &RowCaster<'_>) -> Vec<FromEmitter> {
+    let id = detail_id(of.part.patch.voxel, of.part.patch.direction, caster.parameters);
     let first = emitted.partition_point(|from| from.detail < id);
     let of_voxel = emitted[first..].iter().take_while(|from| from.detail == id);
     let Some(pieces) = &of.pieces else {
         return of_voxel.filter(|from| is_plain(from.piece)).copied().collect();
     };
     let own = |from: &FromEmitter| {
-        let at = pieces.binary_search_by_key(&from.piece, |piece| piece.0).ok()?;
-        Some(FromEmitter { share: from.share * pieces[at].1, ..*from })
+        let emitter = &caster.set.patches[from.patch as usize].patch;
+        let share = pieces.share(from.piece, emitter, caster)?;
+        Some(FromEmitter { share: from.share * share, ..*from })
     };
     of_voxel.filter_map(own).collect()
 }

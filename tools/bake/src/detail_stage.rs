@@ -71,7 +71,7 @@ pub(crate) fn trace(run: &mut Run<'_>, known: &Known<'_>) -> Result<(), BakeErro
         let caster = caster(run, known, &surfaces, known.tracer.into());
         let none = Crevices::default();
         let whole = DetailBake { caster, emitter_rays, emitted: &emitted, crevices: &none };
-        let ChunkDetail { samples, exposures, crevices, parts } = whole.parts(chunk);
+        let ChunkDetail { samples, exposures, crevices, parts, wall_rays } = whole.parts(chunk);
         let places: Vec<ReceiverPlace> = parts.iter().map(|part| part.place).collect();
         let kept = match kept {
             Kept::Earlier(..) if (before.0, &before.1) != (exposures, &places) => Kept::Nothing(Stale::Own),
@@ -82,7 +82,7 @@ pub(crate) fn trace(run: &mut Run<'_>, known: &Known<'_>) -> Result<(), BakeErro
         let renewal = renewed(known, &bake, &parts, kept);
         let cast = renewal.is_new.iter().filter(|is_new| **is_new).count() as u64
             * u64::from(parameters.detail_rays);
-        let made = (parts.len(), cast);
+        let made = (parts.len(), cast + wall_rays);
         if renewal.index.is_none() || known.states.renew_all {
             let payload = encode(exposures, &places, &renewal.rows, (set, &parameters.grid));
             run.files.work.write(Kind::Details, 0, chunk, &now, &payload)?;

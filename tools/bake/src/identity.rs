@@ -5,7 +5,7 @@ use earthshine_tiles::BakeParameters;
 use xxhash_rust::xxh3::Xxh3Default;
 
 /// Raised when the same scene and parameters would give other bytes than before.
-pub(crate) const RECIPE: u32 = 8;
+pub(crate) const RECIPE: u32 = 9;
 
 /// Hash of the parameters and the recipe: worlds that share it can have tiles in common, whatever the scene.
 #[must_use]

@@ -2,13 +2,18 @@
 //!
 //! Moulding and the wall behind it may share a detail voxel and a direction and see quite different things; one value for
 //! both would be right for neither. So what faces one direction in a detail voxel is clustered by plane: at most
-//! [`DetailVoxel::LAYERS_MAX`] clusters, fewer where planes are much alike. Nothing here asks what the layers see.
-//! Start at [`layers_of`].
+//! [`DetailVoxel::LAYERS_MAX`] clusters, fewer where planes are much alike. Both sides of a wall are clusters of their own
+//! ([`crate::barriers`]); nothing else here asks what the layers see. Start at [`layers_of`].
 
+use crate::barriers::{Barriers, Sides};
 use crate::exposure::Exposure;
+use crate::eye::Eye;
 use crate::sample::{SurfaceSample, side_weights};
+use crate::walls::WallTest;
 use earthshine_tiles::BakeParameters;
 use earthshine_world::{DetailVoxel, Direction, Vec3, VoxelCoord};
+use rayon::prelude::*;
+use std::cell::Cell;
 use std::collections::BTreeMap;
 
 /// Planes whose normals differ by this, as the sine of half the angle, differ by one.
@@ -21,31 +26,63 @@ const DIFFERENCE_MIN: f32 = 1.0;
 const SAME_PLANE: f32 = 0.2;
 /// Clusters that samples are first put in, at most; merging costs their square.
 const FIRST_MAX: usize = 24;
+/// Parts that are cut together.
+const BATCH: usize = 64;
 /// Clusters of less than this share of a detail voxel's face join another.
-const AREA_SHARE_MIN: f32 = 0.01;
+pub(crate) const AREA_SHARE_MIN: f32 = 0.01;
 
 /// Of a sample: its layer by direction. 0 where it does not face.
 pub(crate) type LayersOfSample = [u8; 6];
 
+/// The layers of a chunk.
+#[derive(Debug, Default)]
+pub(crate) struct Layers {
+    /// Of each sample.
+    pub(crate) of_samples: Vec<LayersOfSample>,
+    /// What ends a layer, by detail voxel, direction and layer, where anything does.
+    barriers: BTreeMap<([i32; 3], Direction, u8), Barriers>,
+    /// Rays cast to find walls.
+    pub(crate) rays: u64,
+}
+
+impl Layers {
+    /// What ends `layer` of what faces `direction` in `voxel`.
+    pub(crate) fn barriers(&self, voxel: VoxelCoord, direction: Direction, layer: u8) -> Barriers {
+        self.barriers.get(&(voxel.to_array(), direction, layer)).copied().unwrap_or_default()
+    }
+}
+
 /// A plane and how much of it there is.
 #[derive(Debug, Clone)]
-struct Cluster {
+pub(crate) struct Cluster {
     /// Sum of normals by area.
     normals: Vec3,
     /// Sum of places by area.
     places: Vec3,
-    area: f32,
+    pub(crate) area: f32,
     /// Of it, what is neither hidden nor buried.
     open_area: f32,
-    members: Vec<u32>,
+    /// Samples, and how much of each faces the direction, m2.
+    pub(crate) members: Vec<(u32, f32)>,
 }
 
 impl Cluster {
-    fn normal(&self) -> Vec3 {
+    /// Of `area` of sample `index`.
+    pub(crate) fn new(index: u32, sample: &SurfaceSample, area: f32) -> Self {
+        Self {
+            normals: sample.normal * area,
+            places: sample.position * area,
+            area,
+            open_area: if matches!(sample.exposure, Exposure::Open(_)) { area } else { 0.0 },
+            members: vec![(index, area)],
+        }
+    }
+
+    pub(crate) fn normal(&self) -> Vec3 {
         self.normals.normalize_or(Vec3::Y)
     }
 
-    fn middle(&self) -> Vec3 {
+    pub(crate) fn middle(&self) -> Vec3 {
         self.places / self.area
     }
 
@@ -58,7 +95,7 @@ impl Cluster {
         (turned / ANGLE_SCALE).powi(2) + (apart / DISTANCE_SCALE).powi(2)
     }
 
-    fn absorb(&mut self, other: &Self) {
+    pub(crate) fn absorb(&mut self, other: &Self) {
         self.normals += other.normals;
         self.places += other.places;
         self.area += other.area;
@@ -67,9 +104,9 @@ impl Cluster {
     }
 }
 
-/// The layers of `samples`, whose voxels are detail voxels of `parameters`' grid; the one with the most open surface
-/// is 0.
-pub(crate) fn layers_of(samples: &[SurfaceSample], parameters: &BakeParameters) -> Vec<LayersOfSample> {
+/// The layers of `samples`, whose voxels are detail voxels of `parameters`' grid, with walls as `tracer` sees them; the one
+/// with the most open surface is 0.
+pub(crate) fn layers_of(samples: &[SurfaceSample], parameters: &BakeParameters, tracer: Eye<'_>) -> Layers {
     let edge_m = parameters.grid.voxel_edge_m;
     let mut parts: BTreeMap<([i32; 3], Direction), Vec<Cluster>> = BTreeMap::new();
     for (index, sample) in samples.iter().enumerate() {
@@ -80,27 +117,32 @@ pub(crate) fn layers_of(samples: &[SurfaceSample], parameters: &BakeParameters) 
             let area = weight * sample.area;
             if area > 0.0 {
                 let voxel: VoxelCoord = sample.voxel;
-                let cluster = Cluster {
-                    normals: sample.normal * area,
-                    places: sample.position * area,
-                    area,
-                    open_area: if matches!(sample.exposure, Exposure::Open(_)) { area } else { 0.0 },
-                    members: vec![index as u32],
-                };
+                let cluster = Cluster::new(index as u32, sample, area);
                 put(parts.entry((voxel.to_array(), direction)).or_default(), cluster, edge_m);
             }
         }
     }
-    let mut layers = vec![[0; 6]; samples.len()];
-    for ((_, direction), mut clusters) in parts {
+    let sides = |((voxel, direction), mut clusters): (([i32; 3], Direction), Vec<Cluster>)| {
         merge(&mut clusters, edge_m);
+        let test = WallTest { tracer, edge_m, seed: parameters.seed, cast: Cell::new(0) };
+        let sides = Sides { test, samples, voxel: VoxelCoord::from_array(voxel), direction };
+        let mut layers = sides.of(clusters);
         // What is hidden comes last: clients that read one layer read that of 0.
-        clusters.sort_by(|a, b| b.open_area.total_cmp(&a.open_area).then(b.area.total_cmp(&a.area)));
-        for (layer, cluster) in clusters.iter().enumerate() {
-            cluster
-                .members
-                .iter()
-                .for_each(|&member| layers[member as usize][direction.index()] = layer as u8);
+        layers.sort_by(|(a, _), (b, _)| b.open_area.total_cmp(&a.open_area).then(b.area.total_cmp(&a.area)));
+        ((voxel, direction), layers, sides.test.cast.get())
+    };
+    let parts: Vec<_> = parts.into_iter().collect();
+    let parted: Vec<_> = parts.into_par_iter().with_min_len(BATCH).map(sides).collect();
+    let mut layers = Layers { of_samples: vec![[0; 6]; samples.len()], ..Layers::default() };
+    for ((voxel, direction), parts, cast) in parted {
+        layers.rays += cast;
+        for (layer, (cluster, barriers)) in (0..).zip(&parts) {
+            for &(member, _) in &cluster.members {
+                layers.of_samples[member as usize][direction.index()] = layer;
+            }
+            if barriers[0].is_some() {
+                layers.barriers.insert((voxel, direction, layer), *barriers);
+            }
         }
     }
     layers
@@ -147,6 +189,8 @@ fn merge(clusters: &mut Vec<Cluster>, edge_m: f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::test_shapes::scene_of;
+    use earthshine_trace::SceneTracer;
     use earthshine_world::{Grid, Rgb};
 
     /// Detail voxels of a metre.
@@ -181,7 +225,9 @@ mod tests {
     }
 
     fn layers_facing(samples: &[SurfaceSample], direction: Direction) -> Vec<u8> {
-        layers_of(samples, &parameters()).iter().map(|layers| layers[direction.index()]).collect()
+        let nothing = scene_of(Vec::new());
+        let layers = layers_of(samples, &parameters(), (&SceneTracer::new(&nothing)).into());
+        layers.of_samples.iter().map(|layers| layers[direction.index()]).collect()
     }
 
     #[test]

@@ -25,6 +25,7 @@
 pub mod adaptive;
 mod apart;
 mod balance;
+mod barriers;
 pub mod builder;
 pub mod buried;
 pub mod cells;
@@ -63,6 +64,7 @@ mod offload;
 pub mod overlap;
 mod parameters_check;
 pub mod patches;
+mod pieces;
 pub mod places;
 pub mod point_rows;
 mod progress;
@@ -86,6 +88,7 @@ mod test_shapes;
 mod tile_files;
 mod tracing;
 mod voxel_map;
+mod walls;
 mod words;
 pub mod work_folder;
 

@@ -3,7 +3,7 @@
 use crate::output::out;
 use anyhow::bail;
 use earthshine_tiles::{DirStore, TileStore};
-use earthshine_world::{Chunk, ChunkId, Direction, PatchId, Receivers, Rgb};
+use earthshine_world::{Barrier, Chunk, ChunkId, Direction, PatchId, ReceiverPlace, Receivers, Rgb, Vec3};
 use glam::IVec3;
 use std::collections::BTreeMap;
 
@@ -53,11 +53,12 @@ pub(crate) fn chunk(store: &DirStore, id: ChunkId, json: bool) -> anyhow::Result
     let receivers = &chunk.receivers;
     let details = || receivers.places.iter().filter_map(|place| place.detail);
     out!(
-        "{} receivers ({} of them of surfaces, in detail voxels; {} in layers above the first) in {} voxels, {:.0} form \
-         factors each",
+        "{} receivers ({} of them of surfaces, in detail voxels; {} in layers above the first, {} that walls end) in {} \
+         voxels, {:.0} form factors each",
         receivers.places.len(),
         details().count(),
         details().filter(|detail| detail.layer > 0).count(),
+        details().filter(|detail| detail.barriers[0].is_some()).count(),
         receivers.places.chunk_by(|a, b| a.voxel == b.voxel).count(),
         receivers.rows.columns.len() as f64 / receivers.places.len().max(1) as f64
     );
@@ -77,12 +78,14 @@ pub(crate) fn air(store: &DirStore, voxel: IVec3, json: bool) -> anyhow::Result<
         );
     }
     let sky = |row: usize| rows.sky_shares[row].iter().sum::<f32>();
+    let per_edge = store.manifest().parameters.detail;
     if json {
         let receivers: Vec<_> = own
             .iter()
             .map(|&row| {
                 serde_json::json!({
                     "direction": format!("{:?}", places[row].direction), "nonzeros": rows.row(row).len(),
+                    "surface": surface(&places[row], per_edge).map(|surface| surface.json()),
                     "sky_shares": rows.sky_shares[row], "absorbed_share": rows.absorbed_shares[row],
                     "row_sum": rows.row_sum(row),
                 })
@@ -94,14 +97,58 @@ pub(crate) fn air(store: &DirStore, voxel: IVec3, json: bool) -> anyhow::Result<
     out!("{} receivers in voxel {voxel} of chunk {id}", own.len());
     for row in own {
         out!(
-            "  {:?}: light from {} patches, {:.1} % from the sky, {:.2} % from nothing",
+            "  {:?}{}: light from {} patches, {:.1} % from the sky, {:.2} % from nothing",
             places[row].direction,
+            surface(&places[row], per_edge).map_or_else(String::new, |surface| surface.words()),
             rows.row(row).len(),
             sky(row) * 100.0,
             rows.absorbed_shares[row] * 100.0
         );
     }
     Ok(())
+}
+
+/// What a receiver on surfaces stands for.
+struct LayerWords {
+    /// In detail voxels.
+    coord: IVec3,
+    layer: u8,
+    normal: Vec3,
+    /// Where its plane lies along the normal, and where walls end it along each way, from the middle, in detail voxel edges.
+    plane: f32,
+    barriers: Vec<(Vec3, f32)>,
+}
+
+fn surface(place: &ReceiverPlace, per_edge: u32) -> Option<LayerWords> {
+    let detail = place.detail?;
+    let barrier = |barrier: &Barrier| (barrier.towards(place.direction), barrier.middle_distance());
+    Some(LayerWords {
+        coord: detail.coord(place.voxel, per_edge),
+        layer: detail.layer,
+        normal: detail.plane.unit_normal(),
+        plane: detail.plane.middle_distance(),
+        barriers: detail.barriers.iter().flatten().map(barrier).collect(),
+    })
+}
+
+impl LayerWords {
+    fn json(&self) -> serde_json::Value {
+        let barrier = |(towards, distance): &(Vec3, f32)| serde_json::json!({"towards": towards.to_array(), "distance": distance});
+        serde_json::json!({
+            "detail_voxel": self.coord.to_array(), "layer": self.layer, "normal": self.normal.to_array(),
+            "distance": self.plane, "barriers": self.barriers.iter().map(barrier).collect::<Vec<_>>(),
+        })
+    }
+
+    fn words(&self) -> String {
+        let Self { coord, layer, normal, plane, barriers } = self;
+        let ends =
+            barriers.iter().map(|(towards, distance)| format!(", ends {distance:.2} towards {towards:.2}"));
+        format!(
+            " in detail voxel {coord}, layer {layer}, plane {plane:.2} along {normal:.2}{}",
+            ends.collect::<String>()
+        )
+    }
 }
 
 /// Where the light of patch `local` of chunk `id` comes from.
