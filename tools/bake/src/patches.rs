@@ -407,12 +407,6 @@ impl BakePatch {
         self.samples[index.min(self.samples.len() - 1)].0
     }
 
-    /// Its samples, and how much of its area each is, m2.
-    pub(crate) fn areas(&self) -> impl Iterator<Item = (u32, f32)> {
-        let before = std::iter::once(0.0).chain(self.samples.iter().map(|&(_, cumulated)| cumulated));
-        self.samples.iter().zip(before).map(|(&(sample, cumulated), before)| (sample, cumulated - before))
-    }
-
     /// At most `count` samples that stand for equal shares of the patch, for direct light.
     #[must_use]
     pub fn representative_samples(&self, count: u32, seed: u64) -> Vec<u32> {

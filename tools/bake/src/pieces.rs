@@ -95,6 +95,14 @@ impl LayerPieces {
     }
 }
 
+impl BakePatch {
+    /// Its samples, and how much of its area each is, m2.
+    pub(crate) fn areas(&self) -> impl Iterator<Item = (u32, f32)> {
+        let before = std::iter::once(0.0).chain(self.samples.iter().map(|&(_, cumulated)| cumulated));
+        self.samples.iter().zip(before).map(|(&(sample, cumulated), before)| (sample, cumulated - before))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
