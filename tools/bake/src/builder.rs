@@ -120,7 +120,7 @@ impl Builder<'_> {
         if has_emitters(self.tracer.scene()) {
             return Vec::new();
         }
-        buried_pieces(samples, self.parameters.weights)
+        buried_pieces(samples, self.parameters.weights, self.parameters.grid)
     }
 }
 

@@ -9,16 +9,20 @@
 //! meet, and a room that is modelled with its walls facing out and lit by one would swallow its light. So in scenes
 //! in which anything emits nothing is absorbed; nor is it where it is in doubt: in a voxel and direction in which more than
 //! `DOUBT_SHARE` of what looked buried found light after all. And a piece of which one point found light
-//! is no wall's inside: detail, which is read where it lies, takes its other points for hidden (`reached`).
+//! is no wall's inside: detail, which is read where it lies, takes its other points for hidden (`reached`). Nor do a few points
+//! speak for a piece whose side is open in the voxel beside it: a pane that ends behind a lintel is cut by the grid below it.
 
 use crate::exposure::Exposure;
 use crate::sample::{SurfaceSample, side_weights};
 use crate::voxel_map::VoxelMap;
-use earthshine_world::{AxisWeights, Direction, VoxelCoord};
+use earthshine_world::{AxisWeights, Direction, Grid, VoxelCoord};
 
 /// Of the area that looks buried in a voxel and direction, the share above which light that some of it finds is no crack's.
 /// Paths within a wall find the crack that they began beside; in a room they find its windows and lamps.
 const DOUBT_SHARE: f32 = 0.125;
+
+/// Of a piece with fewer points the part that is open may have none.
+const FEW_POINTS: u32 = 4;
 
 /// A piece of one side of a triangle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -90,9 +94,17 @@ impl Suspects {
     }
 }
 
-/// The pieces of `samples` whose hits are absorbed, ascending.
+/// What the points of a piece come to.
+#[derive(Debug, Clone, Copy)]
+struct Points {
+    are_buried: bool,
+    count: u32,
+}
+
+/// The pieces of `samples` whose hits are absorbed, ascending. What lies in other chunks is not asked: chunks are baked one
+/// by one.
 #[must_use]
-pub fn buried_pieces(samples: &[SurfaceSample], weights: AxisWeights) -> Vec<BuriedPiece> {
+pub fn buried_pieces(samples: &[SurfaceSample], weights: AxisWeights, grid: Grid) -> Vec<BuriedPiece> {
     let mut suspects: VoxelMap<VoxelCoord, [Suspects; 6]> = VoxelMap::default();
     for sample in samples.iter().filter(|sample| sample.is_suspect) {
         let suspects = suspects.entry(sample.voxel).or_default();
@@ -109,13 +121,26 @@ pub fn buried_pieces(samples: &[SurfaceSample], weights: AxisWeights) -> Vec<Bur
         };
         sample.exposure == Exposure::Buried && !is_in_doubt()
     };
-    let mut whole: VoxelMap<(u32, VoxelCoord), bool> = VoxelMap::default();
+    let mut whole: VoxelMap<(u32, VoxelCoord), Points> = VoxelMap::default();
     for sample in samples {
-        *whole.entry((sample.side, sample.voxel)).or_insert(true) &= is_buried(sample);
+        let none = Points { are_buried: true, count: 0 };
+        let points = whole.entry((sample.side, sample.voxel)).or_insert(none);
+        points.are_buried &= is_buried(sample);
+        points.count += 1;
     }
-    let buried = whole.into_iter().filter(|(_, is_buried)| *is_buried);
-    let mut pieces: Vec<BuriedPiece> =
-        buried.map(|((side, voxel), _)| BuriedPiece { side, voxel: voxel.to_array() }).collect();
+    let is_open_beside = |side: u32, voxel: VoxelCoord| {
+        let beside = Direction::ALL.map(|direction| voxel + direction.vector().as_ivec3());
+        let own = beside.into_iter().filter(|&beside| grid.chunk_of(beside) == grid.chunk_of(voxel));
+        own.filter_map(|beside| whole.get(&(side, beside))).any(|points| !points.are_buried)
+    };
+    let is_whole = |&(&(side, voxel), points): &(&(u32, VoxelCoord), &Points)| {
+        points.are_buried && (points.count >= FEW_POINTS || !is_open_beside(side, voxel))
+    };
+    let mut pieces: Vec<BuriedPiece> = whole
+        .iter()
+        .filter(is_whole)
+        .map(|(&(side, voxel), _)| BuriedPiece { side, voxel: voxel.to_array() })
+        .collect();
     pieces.sort_unstable();
     pieces
 }
@@ -145,6 +170,8 @@ mod tests {
     use earthshine_tiles::BakeParameters;
     use earthshine_trace::SceneTracer;
     use earthshine_world::{Grid, Rgb, Vec3};
+
+    const GRID: Grid = Grid { voxel_edge_m: 1.0, chunk_edge_voxels: 4 };
 
     fn parameters(voxel_edge_m: f32) -> BakeParameters {
         let grid = Grid { voxel_edge_m, chunk_edge_voxels: 4 };
@@ -198,6 +225,30 @@ mod tests {
         assert!(buried > 1000 && pieces > 100, "{buried} points, {pieces} pieces");
     }
 
+    /// Goal: few points do not speak for a piece that goes on in the open. Method: buried points of a pane in one voxel, and an
+    /// open one of the same pane in the voxel below it, beside it in another chunk, or nowhere.
+    #[test]
+    fn few_buried_points_beside_the_open_absorb_nothing() {
+        let pane = |voxel: VoxelCoord, exposure: Exposure| SurfaceSample {
+            exposure,
+            is_suspect: exposure == Exposure::Buried,
+            ..point(voxel.as_vec3() + 0.5, Vec3::X, voxel)
+        };
+        let above = VoxelCoord::new(0, 3, 0);
+        let found = |count: usize, open: Option<VoxelCoord>| {
+            let buried = (0..count).map(|_| pane(above, Exposure::Buried));
+            let open = open.map(|voxel| pane(voxel, Exposure::Open(0.5)));
+            let samples: Vec<SurfaceSample> = buried.chain(open).collect();
+            buried_pieces(&samples, AxisWeights::Squared, GRID).len()
+        };
+        let few = FEW_POINTS as usize - 1;
+        assert_eq!(found(few, Some(above - VoxelCoord::Y)), 0);
+        assert_eq!(found(few + 1, Some(above - VoxelCoord::Y)), 1, "as many as can tell");
+        assert_eq!(found(few, None), 1, "buried all over");
+        assert_eq!(found(few, Some(above + VoxelCoord::Y)), 1, "open in another chunk");
+        assert_eq!(found(few, Some(above + VoxelCoord::new(1, 1, 0))), 1, "not beside it");
+    }
+
     /// Goal: a few points of a wall's inside that find light through a crack do not undo the others; many do. Method: points of
     /// pieces of their own in one voxel.
     #[test]
@@ -211,12 +262,12 @@ mod tests {
         let with_lit = |lit: u32| {
             let exposure = |side: u32| if side < lit { Exposure::Open(1.0) } else { Exposure::Buried };
             let samples: Vec<SurfaceSample> = (0..16).map(|side| piece(side, exposure(side))).collect();
-            buried_pieces(&samples, AxisWeights::Squared).len()
+            buried_pieces(&samples, AxisWeights::Squared, GRID).len()
         };
         assert_eq!([0, 1, 2, 3].map(with_lit), [16, 15, 14, 0]);
         // One point of two is enough for its piece, whatever faces elsewhere.
         let halves = [piece(4, Exposure::Buried), piece(4, Exposure::Hidden(0.25))];
-        assert_eq!(buried_pieces(&halves, AxisWeights::Squared), []);
+        assert_eq!(buried_pieces(&halves, AxisWeights::Squared, GRID), []);
         assert!(
             reached(halves.iter()).contains_key(&(4, VoxelCoord::ZERO))
                 && reached(halves[..1].iter()).is_empty()
