@@ -19,6 +19,9 @@ pub const NEAR_SHARE_MIN: f32 = 0.001;
 /// How far off its surface a point is taken to lie when its detail voxel is looked for, in voxel edges, as in the bake.
 const OFF_SURFACE: f32 = 1e-3;
 
+/// Planes lean from their direction by less: the cosine of a diagonal is 0.58.
+const AXIS_COSINE_MIN: f32 = 0.1;
+
 /// Points whose normal differs from a plane's by more than this cosine, or that lie further off it than this share of a
 /// detail voxel's edge, lie in another layer.
 const ALIKE_COSINE: f32 = 0.9;
@@ -79,12 +82,21 @@ impl Viewer {
         let step = inside().count().div_ceil(EYES_MAX).max(1);
         let mut eyes: Vec<SamplePoint> = inside().step_by(step).copied().collect();
         if eyes.is_empty() {
+            // Along the axis of the direction, which no barrier asks about.
+            let axis = place.direction.vector();
+            let in_plane = |position: Vec3| {
+                let off = distance - (position - middle).dot(normal);
+                position + axis * (off / normal.dot(axis).max(AXIS_COSINE_MIN))
+            };
             let before = |position: Vec3, barrier: &Barrier| {
                 let towards = barrier.towards(place.direction);
                 let beyond = towards.dot((position - middle) / edge_m) - barrier.middle_distance();
-                if beyond > 0.0 { position - towards * (beyond + BEFORE_BARRIER) * edge_m } else { position }
+                let step = towards * (beyond + BEFORE_BARRIER) * edge_m;
+                if beyond > 0.0 { in_plane(position - step) } else { position }
             };
-            let position = detail.barriers.iter().flatten().fold(middle + normal * distance, before);
+            // Twice: moving back from the second may cross the first.
+            let both = || detail.barriers.iter().flatten();
+            let position = both().chain(both()).fold(middle + normal * distance, before);
             eyes.push(SamplePoint { position, normal });
         }
         let area = edge_m * edge_m / eyes.len() as f32;
@@ -244,5 +256,16 @@ mod tests {
         assert!(!above.is_empty() && above.iter().all(|eye| own[2..].contains(eye)), "{above:?}");
         let [only] = eyes(Vec3::Y, -0.2, &own[2..])[..] else { panic!("the middle stands for it") };
         assert!(only.position.y < 0.15 && only.position.y > 0.1, "{}", only.position);
+        // On a slanted plane, and in a corner.
+        let plane = SurfacePlane::new(Vec3::new(1.0, 1.0, 0.0).normalize_or(Vec3::X), 0.1);
+        let barriers = [(Vec3::Y, -0.3), (Vec3::NEG_Z, 0.2)]
+            .map(|(towards, distance)| Barrier::new(Direction::PosX, towards, distance));
+        let detail = DetailVoxel { barriers, ..DetailVoxel::new(IVec3::ZERO, 0, plane) };
+        let [only] = Viewer::new(&wall(), detail, 2, &GRID, &[]).eyes[..] else {
+            panic!("one stands for it")
+        };
+        let from_middle = (only.position - 0.25) / 0.5;
+        let off = from_middle.dot(plane.unit_normal()) - plane.middle_distance();
+        assert!(off.abs() < 1e-4 && from_middle.y < -0.3 && from_middle.z > -0.2, "{from_middle}: {off}");
     }
 }

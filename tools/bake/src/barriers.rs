@@ -84,10 +84,10 @@ impl Sides<'_> {
         let mut found = [None; Barrier::PER_LAYER_MAX];
         let mut rest = segments.to_vec();
         for barrier in &mut found {
-            // What cut the layer ends it, whether its own segments find it or not.
-            let cut = cuts.iter().map(|cut| (ends_at(&rest, cut).unwrap_or(0), cut));
-            let seen = walls.iter().filter_map(|wall| Some((ends_at(&rest, wall)?, wall)));
-            let mut most: Vec<(usize, &Wall)> = cut.chain(seen).collect();
+            // What cut the layer ends it before all else: what lies behind it is read with it otherwise.
+            let cut = cuts.iter().map(|cut| ((true, ends_at(&rest, cut).unwrap_or(0)), cut));
+            let seen = walls.iter().filter_map(|wall| Some(((false, ends_at(&rest, wall)?), wall)));
+            let mut most: Vec<((bool, usize), &Wall)> = cut.chain(seen).collect();
             most.sort_by_key(|&(ending, _)| std::cmp::Reverse(ending));
             let first = most.into_iter().find_map(|(_, wall)| Some((*wall, self.barrier(cluster, wall)?)));
             let Some((wall, made)) = first else { break };

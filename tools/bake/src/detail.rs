@@ -264,12 +264,15 @@ fn emitted_to(emitted: &[FromEmitter], of: &DetailPart, caster: &RowCaster<'_>) 
     let Some(pieces) = &of.pieces else {
         return of_voxel.filter(|from| is_plain(from.piece)).copied().collect();
     };
-    let own = |from: &FromEmitter| {
-        let emitter = &caster.set.patches[from.patch as usize].patch;
-        let share = pieces.share(from.piece, emitter, caster)?;
-        Some(FromEmitter { share: from.share * share, ..*from })
+    let count = of_voxel.count();
+    let by_emitter = emitted[first..first + count].chunk_by(|a, b| a.patch == b.patch);
+    let of_emitter = |entries: &[FromEmitter]| -> Vec<FromEmitter> {
+        let lit = pieces.lit_by(&caster.set.patches[entries[0].patch as usize].patch, caster);
+        let own =
+            |from: &FromEmitter| Some(FromEmitter { share: from.share * lit.share(from.piece)?, ..*from });
+        entries.iter().filter_map(own).collect()
     };
-    of_voxel.filter_map(own).collect()
+    by_emitter.flat_map(of_emitter).collect()
 }
 
 /// What a row sees of all emitters, if its own rays say `own` and theirs say `theirs`, a first guess is `guess`, and the

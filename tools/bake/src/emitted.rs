@@ -156,6 +156,8 @@ impl EmittedFiles {
                 let known_entry = entry().and_then(|(id, detail, piece, share)| {
                     let id = u16::try_from(id).ok()?;
                     let patch = known.set.by_stable_id(from, id, &run.parameters().grid)?;
+                    // Layers look at its middle.
+                    hash.update(bytemuck::bytes_of(&known.set.patches[patch as usize].patch.centroid));
                     Some(FromEmitter { detail, piece, patch, share })
                 });
                 found.push(known_entry.ok_or(BakeError::WorkChanged { chunk: from })?);

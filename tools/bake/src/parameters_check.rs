@@ -4,7 +4,7 @@ use crate::BakeError;
 use earthshine_tiles::BakeParameters;
 use earthshine_world::Grid;
 
-/// Largest edge of a voxel: coarse levels double it, and clients know none above a thousand kilometres.
+/// Largest edge of a voxel: coarse levels double it, and clients know none above a thousand kilometres, six of such doublings.
 const VOXEL_EDGE_MAX_M: f32 = 1e4;
 
 /// Refuses what cannot be baked.

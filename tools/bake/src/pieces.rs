@@ -9,14 +9,16 @@ use crate::patches::BakePatch;
 use crate::places::Place;
 use crate::rows::{RAY_OFFSET, RowCaster};
 use crate::sample::SurfaceSample;
+use earthshine_trace::Hit;
 use earthshine_world::{Patch, SamplePoint};
 use glam::IVec3;
+use std::cell::OnceCell;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Places of a layer that an emitter is looked for from.
 const EYES: u32 = 4;
-/// How far before an emitter's middle a look at it ends, in voxel edges: the middle of what is round lies in it.
+/// How far before an emitter's middle a look at it ends, in voxel edges.
 const BEFORE_EMITTER: f32 = 0.02;
 
 /// The sides of triangles that one of the layers of a detail voxel and direction consists of.
@@ -64,24 +66,46 @@ impl Pieces {
         (0..layers.len()).map(|own| Some(Self { layers: Arc::clone(&all), own })).collect()
     }
 
-    /// Which share of what `emitter` sends to `piece` is the layer's own; `None` where the piece is of others.
-    pub(crate) fn share(&self, piece: u32, emitter: &Patch, caster: &RowCaster<'_>) -> Option<f32> {
-        let own = *self.layers[self.own].areas.get(&piece)?;
-        let sharers = || self.layers.iter().filter_map(|layer| Some((layer, *layer.areas.get(&piece)?)));
+    /// What it takes of the light of `emitter`.
+    pub(crate) fn lit_by<'p>(&'p self, emitter: &'p Patch, caster: &'p RowCaster<'p>) -> LitBy<'p> {
+        LitBy { pieces: self, emitter, caster, sees: vec![OnceCell::new(); self.layers.len()] }
+    }
+}
+
+/// One emitter's light on a layer and on those that share its detail voxel and direction; each looks for it once at most.
+#[derive(Debug)]
+pub(crate) struct LitBy<'p> {
+    pieces: &'p Pieces,
+    emitter: &'p Patch,
+    caster: &'p RowCaster<'p>,
+    /// By layer.
+    sees: Vec<OnceCell<f32>>,
+}
+
+impl LitBy<'_> {
+    /// Which share of what the emitter sends to `piece` is the layer's own; `None` where the piece is of others.
+    pub(crate) fn share(&self, piece: u32) -> Option<f32> {
+        let Pieces { layers, own: own_layer } = self.pieces;
+        let own = *layers[*own_layer].areas.get(&piece)?;
+        let area_of = |(layer, of): (usize, &LayerPieces)| Some((layer, *of.areas.get(&piece)?));
+        let sharers = || layers.iter().enumerate().filter_map(area_of);
         if sharers().count() == 1 {
             return Some(1.0);
         }
-        let seen = |(layer, area): (&LayerPieces, f32)| area * layer.sees(emitter, caster);
+        let seen = |(layer, area): (usize, f32)| {
+            area * self.sees[layer].get_or_init(|| layers[layer].sees(self.emitter, self.caster))
+        };
         let all: f32 = sharers().map(seen).sum();
         if all > 0.0 {
-            return Some(seen((&self.layers[self.own], own)) / all);
+            return Some(seen((*own_layer, own)) / all);
         }
         Some(own / sharers().map(|(_, area)| area).sum::<f32>().max(f32::MIN_POSITIVE))
     }
 }
 
 impl LayerPieces {
-    /// The share of its eyes that see the middle of `emitter`.
+    /// The share of its eyes that see the middle of `emitter`, or something before it that emits: itself, where its middle lies in
+    /// it.
     fn sees(&self, emitter: &Patch, caster: &RowCaster<'_>) -> f32 {
         let edge_m = caster.parameters.grid.voxel_edge_m;
         let target = emitter.centroid + emitter.direction.vector() * (BEFORE_EMITTER * edge_m);
@@ -89,7 +113,9 @@ impl LayerPieces {
             let origin = eye.position + eye.normal * (RAY_OFFSET * edge_m);
             let way = target - origin;
             let distance = way.length().max(f32::MIN_POSITIVE);
-            way.dot(eye.normal) > 0.0 && !caster.tracer.is_blocked(origin, way / distance, distance)
+            let is_of_lamp = |hit: &Hit| caster.tracer.tracer().emits(hit);
+            let stop = || caster.tracer.closest(origin, way / distance, distance);
+            way.dot(eye.normal) > 0.0 && stop().as_ref().is_none_or(is_of_lamp)
         };
         self.eyes.iter().filter(is_seen).count() as f32 / EYES as f32
     }
@@ -108,19 +134,29 @@ mod tests {
     use super::*;
     use crate::exposure::Exposure;
     use crate::patches::PatchSet;
-    use crate::test_shapes::{quad, scene_of};
+    use crate::test_shapes::{boxed, quad, scene_of};
+    use earthshine_scene::Material;
     use earthshine_tiles::BakeParameters;
     use earthshine_trace::SceneTracer;
     use earthshine_world::{Direction, Grid, Rgb, Vec3, VoxelCoord};
 
     /// Goal: a lamp's light stays on its side of a wall. Method: a floor of two triangles, parted by a wall along x = 0.5 or by
-    /// nothing, and a lamp beside it.
-    fn shares(has_wall: bool) -> [Option<f32>; 2] {
+    /// nothing, and a lamp beside it, which is round or nothing but a place.
+    fn shares(has_wall: bool, is_round: bool) -> [Option<f32>; 2] {
         let mut triangles = quad(Vec3::ZERO, Vec3::Z, Vec3::X).to_vec();
         if has_wall {
             triangles.extend(quad(Vec3::new(0.5, 0.0, -5.0), Vec3::Z * 11.0, Vec3::Y * 5.0));
         }
-        let scene = scene_of(triangles);
+        let mut scene = scene_of(triangles);
+        if is_round {
+            // Its middle, seen from below, lies in it.
+            let lamp = boxed(Vec3::new(-1.2, 1.8, 0.3), Vec3::new(-0.8, 2.2, 0.7));
+            let glowing = Material { emitted_radiance: Rgb::ONE, ..scene.materials[0].clone() };
+            scene.material_of.extend(lamp.triangles.iter().map(|_| scene.materials.len() as u32));
+            scene.texture_coordinates.extend(lamp.texture_coordinates);
+            scene.triangles.extend(lamp.triangles);
+            scene.materials.push(glowing);
+        }
         let tracer = SceneTracer::new(&scene);
         let parameters = BakeParameters {
             grid: Grid { voxel_edge_m: 1.0, chunk_edge_voxels: 1 },
@@ -154,14 +190,16 @@ mod tests {
             Patch { direction: Direction::NegY, centroid: Vec3::new(-1.0, 2.0, 0.5), ..set.patches[0].patch };
         let pieces = Pieces::of(&set.patches, &samples, &caster);
         let piece = piece_of(&scene, &set, &samples[0].place());
-        let share = |layer: usize| pieces[layer].as_ref()?.share(piece, &lamp, &caster);
-        assert_eq!(pieces[0].as_ref().expect("two layers").share(piece ^ 8, &lamp, &caster), None);
+        let share = |layer: usize| pieces[layer].as_ref()?.lit_by(&lamp, &caster).share(piece);
+        assert_eq!(pieces[0].as_ref().expect("two layers").lit_by(&lamp, &caster).share(piece ^ 8), None);
         [share(0), share(1)]
     }
 
     #[test]
     fn a_shared_side_s_light_is_of_those_who_see_the_lamp() {
-        assert_eq!(shares(false), [Some(0.5), Some(0.5)]);
-        assert_eq!(shares(true), [Some(1.0), Some(0.0)]);
+        for is_round in [false, true] {
+            assert_eq!(shares(false, is_round), [Some(0.5), Some(0.5)]);
+            assert_eq!(shares(true, is_round), [Some(1.0), Some(0.0)]);
+        }
     }
 }

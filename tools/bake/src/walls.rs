@@ -224,7 +224,8 @@ impl WallTest<'_> {
         }
         // Where a slanted wall stands on the surface, not where it is met above it.
         let (distance, wall) = farthest;
-        let foot = wall.map(|wall| crossing(from, to, &wall)).filter(|share| share.is_finite());
+        let foot =
+            wall.map(|wall| crossing(from, to, &wall)).filter(|share| share.is_finite() && *share >= 0.0);
         Segment { blocked: foot.unwrap_or(distance / length), wall, ..free }
     }
 

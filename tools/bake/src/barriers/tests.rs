@@ -183,12 +183,12 @@ fn a_low_wall_under_a_low_ceiling_is_a_wall() {
 
 #[test]
 fn layers_are_the_same_whatever_the_threads() {
-    let walls = [sheet([0.63, -3.0], [0.63, 4.0], 2.0), sheet([-3.0, 0.4], [4.0, 0.4], 2.0)].concat();
+    let walls = [sheet([0.63, -3.0], [0.63, 20.0], 2.0), sheet([-3.0, 0.4], [20.0, 0.4], 2.0)].concat();
     let scene = scene_of(walls);
-    // Many voxels, all alike but for where they are.
-    let samples: Vec<SurfaceSample> = (0..200)
+    // As many voxels as threads share: batches are of 64.
+    let samples: Vec<SurfaceSample> = (0..256)
         .flat_map(|x| {
-            let at = VoxelCoord::new(x % 3 - 1, 0, x / 3 % 3 - 1);
+            let at = VoxelCoord::new(x % 16, 0, x / 16);
             let moved = move |sample: SurfaceSample| SurfaceSample {
                 position: sample.position + at.as_vec3(),
                 voxel: at,
