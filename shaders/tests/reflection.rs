@@ -4,7 +4,9 @@
 
 use earthshine_shaders::LOOKUP_IRRADIANCE;
 use earthshine_shaders::host::LAYOUTS;
-use earthshine_shaders::kernel::{Access, Binding, KERNELS, Kernel, LIGHT_POINTS, TRACE_CLOSEST};
+use earthshine_shaders::kernel::{
+    Access, Binding, KERNELS, Kernel, LIGHT_POINTS, MEASURE_LIGHT, TRACE_CLOSEST,
+};
 use earthshine_shaders::limits::CONSTANTS;
 use earthshine_shaders::subgroups::{NUMBER_LANES, SUBGROUP_LANES_RANGE};
 use earthshine_volume::barrier;
@@ -209,6 +211,12 @@ fn f32_constant(module: &naga::Module, name: &str) -> f32 {
         Some(Literal::F32(value)) => value,
         other => panic!("{name} is {other:?}"),
     }
+}
+
+#[test]
+fn a_device_knows_what_is_dark_as_the_cpu_does() {
+    use earthshine_radiosity::solver::step_gather::DARKEST;
+    assert_eq!(f32_constant(&parsed(MEASURE_LIGHT.source), "DARKEST"), DARKEST);
 }
 
 /// Goal: a device follows rays by the rules of the CPU.

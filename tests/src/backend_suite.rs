@@ -7,7 +7,7 @@
 mod refusals;
 
 use crate::news_suite::news_conformance;
-use earthshine_radiosity::bench::Streamed;
+use earthshine_radiosity::bench::{Streamed, read};
 use earthshine_radiosity::closed_box::ClosedBox;
 use earthshine_radiosity::{ApplyStats, Backend, BackendError, Slot, Update};
 use earthshine_world::Rgb;
@@ -63,12 +63,6 @@ fn lit(backend: &mut dyn Backend, slots: &[Slot], exitance: &[Rgb], outside: &[R
     backend.set_sources(slots, exitance, outside).expect("taken slots and finite light");
     backend.step().expect("a device that works");
     read(backend, slots)
-}
-
-fn read(backend: &mut dyn Backend, slots: &[Slot]) -> Vec<Rgb> {
-    let mut irradiance = vec![Rgb::NAN; slots.len()];
-    backend.read_irradiance(slots, &mut irradiance).expect("taken slots");
-    irradiance
 }
 
 fn add(slot: u32, reflectance: f32, row: Vec<(Slot, f32)>, column: Vec<(Slot, f32)>) -> Update {

@@ -52,16 +52,7 @@ fn house() -> Scene {
         middle + across + Vec3::new(0.0, high.y + 0.1, high.z + 0.1),
     );
     let triangles: Vec<_> = shell.chain([wall]).flat_map(|(low, high)| solid(low, high)).collect();
-    let white = Material {
-        name: "white".to_owned(),
-        base_colour: [0.6, 0.6, 0.6, 1.0],
-        base_colour_texture: None,
-        emitted_radiance: Rgb::ZERO,
-        emissive_texture: None,
-        alpha_cutoff: None,
-        double_sided: false,
-        metallic: 0.0,
-    };
+    let white = Material::grey("white", 0.6);
     Scene {
         texture_coordinates: vec![[[0.0; 2]; 3]; triangles.len()],
         material_of: vec![0; triangles.len()],

@@ -28,7 +28,7 @@ pub const BARRIER_ANGLES: u8 = 252;
 /// Steps of a distance.
 pub const BARRIER_STEPS: u8 = 250;
 
-/// So far beyond a barrier, in voxel edges, a value counts a sixteenth. Twice what codes are off by at most: half a step of a
+/// So far beyond a barrier, in voxel edges, a value counts a sixteenth. Twice what codes are off by: half a step of a
 /// distance (0.006), and half a step of an angle as far along the wall as barriers reach (0.019).
 pub const BEYOND_REACH_VOXELS: f32 = 0.05;
 

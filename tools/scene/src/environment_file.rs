@@ -54,7 +54,7 @@ fn decode(bytes: &[u8]) -> Result<(DynamicImage, Rgb), String> {
     // Older programs write `#?RGBE`.
     if bytes.starts_with(b"#?") {
         let decoder = HdrDecoder::new_nonstrict(Cursor::new(bytes)).map_err(damaged)?;
-        let exposure = exposure(&decoder.metadata())?;
+        let exposure = exposure(bytes, &decoder.metadata())?;
         return Ok((within_bounds(decoder)?, exposure));
     }
     match image::guess_format(bytes) {
@@ -70,7 +70,16 @@ fn decode(bytes: &[u8]) -> Result<(DynamicImage, Rgb), String> {
 }
 
 /// What a Radiance file says its pixels were multiplied by: all lines `EXPOSURE` and `COLORCORR` together.
-fn exposure(metadata: &HdrMetadata) -> Result<Rgb, String> {
+fn exposure(bytes: &[u8], metadata: &HdrMetadata) -> Result<Rgb, String> {
+    let header = bytes.split(|&byte| byte == b'\n').take_while(|line| !line.is_empty());
+    for line in header.map(String::from_utf8_lossy) {
+        // The decoder passes over lines that it cannot read.
+        let is_number = |word: &str| word.parse::<f32>().is_ok();
+        let value = line.strip_prefix("EXPOSURE=").or_else(|| line.strip_prefix("COLORCORR="));
+        if value.is_some_and(|value| !value.split_whitespace().all(is_number)) {
+            return Err(format!("its header says `{line}`, which is no exposure: repair the header"));
+        }
+    }
     let [red, green, blue] = metadata.color_correction.map_or([1.0; 3], |(r, g, b)| [r, g, b]);
     let exposure = Rgb::new(red, green, blue) * metadata.exposure.unwrap_or(1.0);
     if exposure.is_finite() && exposure.min_element() > 0.0 {
@@ -141,7 +150,9 @@ mod tests {
         };
         let found = with("EXPOSURE=4\nEXPOSURE=0.5\nCOLORCORR=1 2 0.5\n").expect("a map");
         assert_eq!(found.map.texel(3, 3), Rgb::new(4.0, 0.25, 0.5));
-        for lines in ["EXPOSURE=0\n", "EXPOSURE=-1\n", "EXPOSURE=inf\n", "COLORCORR=1 0 1\n"] {
+        for lines in
+            ["EXPOSURE=0\n", "EXPOSURE=-1\n", "EXPOSURE=inf\n", "EXPOSURE=1,5\n", "COLORCORR=1 0 1\n"]
+        {
             let cause = with(lines).expect_err("no exposure");
             assert!(cause.contains("exposure") && cause.contains("repair the header"), "{lines}: {cause}");
         }

@@ -40,7 +40,8 @@ pub fn bounce(links: &LinkRows, sent: &[Light], outside: &[Light], next: &mut [L
 /// What a bounce changed, as a share of each patch's light: the mean square over `taken` patches, of the worst channel.
 ///
 /// A patch's light is its brightest channel, as it is for the code that clients are told; below [`DARKEST`] nobody can tell.
-/// Not a share of all light: a dark corner of a bright room is the last that light comes to.
+/// Not a share of all light: a dark corner of a bright room is the last that light comes to. A mean nevertheless: one dark patch
+/// among thousands may still change by their root times as much.
 pub fn change(old: &[Light], new: &[Light], taken: usize) -> f64 {
     let mut squares = [0.0f64; 3];
     for (old, new) in old.iter().zip(new) {
