@@ -121,8 +121,8 @@ fn every_command_remarks_on_lights_once() {
     for command in [bake("room.glb", "world").to_vec(), accuracy, render] {
         let done = run(desk.path(), &[&command[..], &["--lights", "lights.json"]].concat()).succeeds();
         for words in [
-            "warning: material 1 `Lamp` emits",
-            "warning: without intensity and left out: light 1 `Spare`",
+            "warning: room.glb: material 1 `Lamp` emits",
+            "warning: room.glb: without intensity and left out: light 1 `Spare`",
             "warning: lights.json: emission_scale, line 2: 1e9 makes material `Lamp` emit",
         ] {
             assert_eq!(done.errors.matches(words).count(), 1, "{words:?} in {done:?}");
