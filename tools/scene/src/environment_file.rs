@@ -76,7 +76,7 @@ fn exposure(bytes: &[u8], metadata: &HdrMetadata) -> Result<Rgb, String> {
         // The decoder passes over lines that it cannot read.
         let is_number = |word: &str| word.parse::<f32>().is_ok();
         let value = line.strip_prefix("EXPOSURE=").or_else(|| line.strip_prefix("COLORCORR="));
-        if value.is_some_and(|value| !value.split_whitespace().all(is_number)) {
+        if value.is_some_and(|value| value.trim().is_empty() || !value.split_whitespace().all(is_number)) {
             return Err(format!("its header says `{line}`, which is no exposure: repair the header"));
         }
     }
@@ -150,9 +150,14 @@ mod tests {
         };
         let found = with("EXPOSURE=4\nEXPOSURE=0.5\nCOLORCORR=1 2 0.5\n").expect("a map");
         assert_eq!(found.map.texel(3, 3), Rgb::new(4.0, 0.25, 0.5));
-        for lines in
-            ["EXPOSURE=0\n", "EXPOSURE=-1\n", "EXPOSURE=inf\n", "EXPOSURE=1,5\n", "COLORCORR=1 0 1\n"]
-        {
+        for lines in [
+            "EXPOSURE=0\n",
+            "EXPOSURE=-1\n",
+            "EXPOSURE=inf\n",
+            "EXPOSURE=1,5\n",
+            "EXPOSURE=\n",
+            "COLORCORR=1 0 1\n",
+        ] {
             let cause = with(lines).expect_err("no exposure");
             assert!(cause.contains("exposure") && cause.contains("repair the header"), "{lines}: {cause}");
         }
