@@ -14,7 +14,7 @@ pub struct FrameQuality {
     pub wanted_patches: u32,
     /// Patches whose direct light is older than the newest change of lights or occluders.
     pub stale_direct: u32,
-    /// Whether everything wanted is resident and nothing is stale.
+    /// Whether everything wanted is resident, nothing is stale, and all of this light has come, of all volumes.
     pub settled: bool,
     /// Patches within the promised radius of the camera that have no light of level 0; 0 where nothing is promised.
     pub missing_near: u32,

@@ -234,8 +234,13 @@ impl DeltaStore {
     }
 
     /// Whether what is said of the whole is said with it.
-    fn speaks_for_all(&self) -> bool {
+    pub(crate) fn speaks_for_all(&self) -> bool {
         self.layout.level == 0 && self.detail_layer.is_none()
+    }
+
+    /// What is said of the newest generation.
+    pub(crate) fn caption(&self) -> Caption {
+        self.caption
     }
 
     /// Where the volume is.
@@ -258,20 +263,33 @@ impl DeltaStore {
         self.generation
     }
 
-    /// Takes in a whole frame; whether the volume moved with it. Every move has to be announced before the next
-    /// delta: what a move leaves outside is not emptied by deltas.
-    pub(crate) fn absorb(&mut self, frame: &Frame, camera: Answered) -> bool {
-        let next = self.generation + 1;
-        let moved = self.follow(camera.position);
-        let news = match self.detail_layer {
+    /// The frame's light of this volume.
+    fn seen_of(&self, frame: &Frame) -> Seen {
+        match self.detail_layer {
             Some(_) => Seen::detail_of(frame),
             None => Seen::of(frame, self.layout.level),
-        };
+        }
+    }
+
+    /// Whether `frame` may hold light that this volume has not taken in.
+    pub(crate) fn may_lack(&self, frame: &Frame, camera: Answered) -> bool {
+        !self.placed
+            || self.origin_for(camera.position) != self.layout.origin
+            || !self.seen_of(frame).is_same(&self.seen)
+    }
+
+    /// Takes in a whole frame; whether the volume moved with it. Every move has to be announced before the next
+    /// delta: what a move leaves outside is not emptied by deltas. Light is called settled only if `is_rest_told`: the client
+    /// has been sent all else of this frame.
+    pub(crate) fn absorb(&mut self, frame: &Frame, camera: Answered, is_rest_told: bool) -> bool {
+        let next = self.generation + 1;
+        let moved = self.follow(camera.position);
+        let news = self.seen_of(frame);
         // Lists that were seen are in `entries` already, unless the volume lies elsewhere now.
         let changed = (moved || !news.is_same(&self.seen)) && self.merge(&news, next);
         self.seen = news;
-        let caption =
-            Caption { camera_sequence: camera.sequence, quality: frame.quality, time_s: frame.time_s };
+        let quality = FrameQuality { settled: frame.quality.settled && is_rest_told, ..frame.quality };
+        let caption = Caption { camera_sequence: camera.sequence, quality, time_s: frame.time_s };
         // Time alone is no news, and what is said of the whole is said with level 0.
         let said =
             self.speaks_for_all() && Caption { time_s: self.caption.time_s, ..caption } != self.caption;
@@ -285,8 +303,8 @@ impl DeltaStore {
         moved
     }
 
-    /// Moves the volume if the camera has left the middle by more than a step.
-    fn follow(&mut self, camera: Vec3) -> bool {
+    /// Where the volume belongs: it moves once the camera has left the middle by more than a step.
+    fn origin_for(&self, camera: Vec3) -> IVec3 {
         let half = (self.layout.dims / 2).as_ivec3();
         let wanted = (camera / self.layout.voxel_edge_m).floor().as_ivec3();
         let mut origin = self.layout.origin;
@@ -299,6 +317,12 @@ impl DeltaStore {
                 origin[axis] = (corner.div_euclid(self.snap) * self.snap).max(-Layout::ORIGIN_MAX);
             }
         }
+        origin
+    }
+
+    /// Moves the volume to where it belongs; whether that is elsewhere.
+    fn follow(&mut self, camera: Vec3) -> bool {
+        let origin = self.origin_for(camera);
         let moved = !self.placed || origin != self.layout.origin;
         self.placed = true;
         self.layout.origin = origin;

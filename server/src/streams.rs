@@ -22,6 +22,8 @@ struct Stream {
 #[derive(Debug)]
 pub(crate) struct Streams {
     streams: Vec<Stream>,
+    /// What was taken in last.
+    newest: Option<Published>,
 }
 
 /// What a session's volumes may be.
@@ -58,7 +60,7 @@ impl Streams {
         };
         // The last goes first: what is read alone until others come is to be the layer of the most surface.
         let details = (0..detail_layers).rev().filter_map(detail);
-        Self { streams: details.chain((0..levels).filter_map(stream)).collect() }
+        Self { streams: details.chain((0..levels).filter_map(stream)).collect(), newest: None }
     }
 
     /// A frame came.
@@ -95,24 +97,43 @@ impl Streams {
     }
 
     /// Takes `published` into the coarsest volume that may be sent: where it is, if it moved, and what changed. The
-    /// coarsest goes first, so that there is something to show.
+    /// coarsest goes first, so that there is something to show. Volumes that were sent the frame before wait again: nobody
+    /// may tell them of one that came in between, and it may be the last. Light is called settled with or after the last of it.
     pub(crate) fn next(&mut self, published: &Published) -> Option<(Option<&DeltaStore>, Option<Changes>)> {
-        let stream = self.streams.iter_mut().rev().find(|stream| stream.may_send())?;
+        if !self.newest.as_ref().is_some_and(|newest| newest.is_same(published)) {
+            self.newest = Some(published.clone());
+            self.mark_news();
+        }
+        let Published { frame, camera } = published;
+        let at = self.streams.iter().rposition(Stream::may_send)?;
+        let mut others = self.streams.iter().enumerate().filter(|&(other, _)| other != at);
+        let is_rest_told = !others.any(|(_, other)| other.lacks(published));
+        let stream = &mut self.streams[at];
         stream.is_news = false;
-        let moved = stream.store.absorb(&published.frame, published.camera);
+        let moved = stream.store.absorb(frame, *camera, is_rest_told);
         // A frame whose changes are too small for the wire makes no new generation: what is on its way is enough.
         let is_new = stream.store.generation() > stream.flow.newest();
         let changes = if is_new { stream.store.delta_since(stream.flow.held()) } else { None };
         if let Some(changes) = &changes {
             stream.flow.sent(changes.to);
         }
-        Some((moved.then_some(&stream.store), changes))
+        let speaker = self.streams.iter_mut().find(|stream| stream.store.speaks_for_all());
+        if let Some(speaker) = speaker.filter(|_| is_rest_told && frame.quality.settled) {
+            speaker.is_news |= !speaker.store.caption().quality.settled;
+        }
+        Some((moved.then_some(&self.streams[at].store), changes))
     }
 }
 
 impl Stream {
     fn may_send(&self) -> bool {
         self.is_news && self.flow.has_room()
+    }
+
+    /// Whether the client has yet to be sent some of `published`.
+    fn lacks(&self, published: &Published) -> bool {
+        self.store.may_lack(&published.frame, published.camera)
+            || self.store.generation() > self.flow.newest()
     }
 }
 
@@ -148,6 +169,10 @@ mod tests {
     }
 
     fn published(light: f32) -> Published {
+        of_quality(light, FrameQuality::default())
+    }
+
+    fn of_quality(light: f32, quality: FrameQuality) -> Published {
         let patches: Arc<[PatchLight]> = Arc::new([PatchLight {
             voxel: VoxelCoord::ZERO,
             direction: Direction::PosY,
@@ -172,10 +197,15 @@ mod tests {
             details: Arc::default(),
             coarse: vec![coarse(1), coarse(2)],
             patches: Arc::clone(&patches),
-            quality: FrameQuality::default(),
+            quality,
         };
         let camera = Answered { sequence: 1, position: Vec3::ZERO };
         Published { frame: Arc::new(frame), camera }
+    }
+
+    /// Whether each volume that waits has changes for the wire.
+    fn all_sent(streams: &mut Streams, published: &Published) -> Vec<bool> {
+        std::iter::from_fn(|| Some(streams.next(published)?.1.is_some())).collect()
     }
 
     #[test]
@@ -184,8 +214,9 @@ mod tests {
         assert!(!streams.may_send());
         streams.mark_news();
         let mut levels = Vec::new();
+        let first = published(1.0);
         while streams.may_send() {
-            let (moved, changes) = streams.next(&published(1.0)).unwrap();
+            let (moved, changes) = streams.next(&first).unwrap();
             let layout = *moved.unwrap().layout();
             assert_eq!(layout.voxel_edge_m, 0.5 * f32::from(1u16 << layout.level));
             assert_eq!(changes.unwrap().voxels.len(), 1);
@@ -207,15 +238,59 @@ mod tests {
         let mut streams = Streams::new(&VolumesWanted::Any, 1, &index(3), limits);
         for _ in 0..2 {
             streams.mark_news();
-            let sent: Vec<_> = std::iter::from_fn(|| Some(streams.next(&published(1.0))?.1)).collect();
-            assert_eq!(sent.len(), 3);
+            assert_eq!(all_sent(&mut streams, &published(1.0)).len(), 3);
         }
         streams.mark_news();
-        let levels: Vec<bool> =
-            std::iter::from_fn(|| Some(streams.next(&published(1.0))?.1.is_some())).collect();
-        assert_eq!(levels, [false; 3], "the same light, sent and not yet acknowledged");
+        let is_sent = all_sent(&mut streams, &published(1.0));
+        assert_eq!(is_sent, [false; 3], "the same light, sent and not yet acknowledged");
         streams.mark_news();
         assert!(streams.next(&published(2.0)).unwrap().1.is_some());
+    }
+
+    /// Goal: no volume is left with the frame before the last. Method: another frame comes while the first is on its way to one
+    /// volume after the other.
+    #[test]
+    fn a_frame_that_comes_between_two_volumes_reaches_both() {
+        let limits = VolumeLimits { dims_max: UVec3::splat(16), snap_voxels: 2, in_flight_max: 2 };
+        let mut streams = Streams::new(&VolumesWanted::Any, 1, &index(2), limits);
+        streams.mark_news();
+        assert!(streams.next(&published(1.0)).unwrap().1.is_some());
+        assert_eq!(all_sent(&mut streams, &published(2.0)), [true; 2]);
+        let light_of = |stream: &Stream| stream.store.delta_since(0).unwrap().voxels;
+        assert_eq!(light_of(&streams.streams[0]), light_of(&streams.streams[1]));
+    }
+
+    /// Goal: who reads light that is called settled reads all of it. Method: a volume that is sent after level 0, or has no
+    /// room at first, has another light than before; then a frame at rest for another camera.
+    #[test]
+    fn light_is_called_settled_once_all_of_it_is_sent() {
+        let index = WorldIndex { detail: 2, ..index(1) };
+        let limits = VolumeLimits { dims_max: UVec3::splat(16), snap_voxels: 2, in_flight_max: 1 };
+        let mut streams = Streams::new(&VolumesWanted::Any, 1, &index, limits);
+        let with_detail = |light| {
+            let Published { frame, camera } =
+                of_quality(light, FrameQuality { settled: true, ..FrameQuality::default() });
+            let details = Arc::clone(&frame.patches);
+            Published { frame: Arc::new(Frame { details, ..Frame::clone(&frame) }), camera }
+        };
+        let told = |streams: &mut Streams, published: &Published| -> Vec<(u32, bool)> {
+            let sent = std::iter::from_fn(|| Some(streams.next(published)?.1));
+            sent.flatten().map(|changes| (changes.volume, changes.caption.quality.settled)).collect()
+        };
+        let detail = earthshine_protocol::DETAIL_VOLUME;
+        let first = with_detail(1.0);
+        assert_eq!(told(&mut streams, &first), [(0, false), (detail, true)]);
+        streams.acknowledge(0, 1);
+        assert_eq!(told(&mut streams, &first), [(0, true)]);
+        streams.acknowledge(0, 2);
+        let second = with_detail(2.0);
+        assert_eq!(told(&mut streams, &second), [(0, false)], "the detail before is on its way");
+        streams.acknowledge(0, 3);
+        streams.acknowledge(detail, 1);
+        assert_eq!(told(&mut streams, &second), [(detail, true), (0, true)]);
+        streams.acknowledge(0, 4);
+        let camera = Answered { sequence: 2, ..second.camera };
+        assert_eq!(told(&mut streams, &Published { camera, ..second }), [(0, true)]);
     }
 
     #[test]

@@ -86,13 +86,13 @@ impl Model {
 fn only_what_changed_is_sent_and_what_vanished_is_said() {
     let mut store = store();
     let (a, b) = (IVec3::new(1, 0, 0), IVec3::new(2, 0, 0));
-    assert!(store.absorb(&frame(&[(a, 1.0), (b, 2.0)]), at(0.0)));
+    assert!(store.absorb(&frame(&[(a, 1.0), (b, 2.0)]), at(0.0), true));
     let first = store.delta_since(0).unwrap();
     assert_eq!((first.from, first.to, first.voxels.len()), (0, 1, 2));
 
-    assert!(!store.absorb(&frame(&[(a, 1.0), (b, 3.0)]), at(0.0)));
+    assert!(!store.absorb(&frame(&[(a, 1.0), (b, 3.0)]), at(0.0), true));
     assert_eq!(store.delta_since(1).unwrap().voxels.len(), 1);
-    store.absorb(&frame(&[(b, 3.0)]), at(0.0));
+    store.absorb(&frame(&[(b, 3.0)]), at(0.0), true);
     let gone = store.delta_since(2).unwrap();
     assert_eq!((gone.voxels.len(), gone.voxels[0].1.present), (1, 0));
     // From 0 the client starts empty: nothing to say of what is not there.
@@ -103,8 +103,8 @@ fn only_what_changed_is_sent_and_what_vanished_is_said() {
 fn a_change_too_small_for_the_wire_is_no_news() {
     let mut store = store();
     let voxel = IVec3::ZERO;
-    store.absorb(&frame(&[(voxel, 1.0)]), at(0.0));
-    store.absorb(&frame(&[(voxel, 1.000_01)]), at(0.0));
+    store.absorb(&frame(&[(voxel, 1.0)]), at(0.0), true);
+    store.absorb(&frame(&[(voxel, 1.000_01)]), at(0.0), true);
     assert_eq!(store.generation(), 1);
     assert_eq!(store.delta_since(1), None);
 }
@@ -112,8 +112,8 @@ fn a_change_too_small_for_the_wire_is_no_news() {
 #[test]
 fn a_newer_camera_is_news_without_voxels() {
     let mut store = store();
-    store.absorb(&frame(&[(IVec3::ZERO, 1.0)]), at(0.0));
-    store.absorb(&frame(&[(IVec3::ZERO, 1.0)]), Answered { sequence: 2, ..at(0.1) });
+    store.absorb(&frame(&[(IVec3::ZERO, 1.0)]), at(0.0), true);
+    store.absorb(&frame(&[(IVec3::ZERO, 1.0)]), Answered { sequence: 2, ..at(0.1) }, true);
     let changes = store.delta_since(1).unwrap();
     assert_eq!((changes.voxels.len(), changes.caption.camera_sequence), (0, 2));
 }
@@ -121,9 +121,9 @@ fn a_newer_camera_is_news_without_voxels() {
 #[test]
 fn a_client_from_before_the_forgotten_starts_over() {
     let mut store = store();
-    store.absorb(&frame(&[(IVec3::ZERO, 1.0), (IVec3::ONE, 1.0)]), at(0.0));
-    store.absorb(&frame(&[(IVec3::ONE, 1.0)]), at(0.0));
-    store.absorb(&frame(&[(IVec3::ONE, 2.0)]), at(0.0));
+    store.absorb(&frame(&[(IVec3::ZERO, 1.0), (IVec3::ONE, 1.0)]), at(0.0), true);
+    store.absorb(&frame(&[(IVec3::ONE, 1.0)]), at(0.0), true);
+    store.absorb(&frame(&[(IVec3::ONE, 2.0)]), at(0.0), true);
     store.forget_emptied(2);
     assert_eq!(store.delta_since(1).unwrap().from, 0);
     assert_eq!(store.delta_since(2).unwrap().from, 2);
@@ -132,16 +132,16 @@ fn a_client_from_before_the_forgotten_starts_over() {
 #[test]
 fn a_trembling_camera_does_not_move_the_volume_and_a_travelling_one_does() {
     let mut store = store();
-    store.absorb(&frame(&[]), at(0.1));
+    store.absorb(&frame(&[]), at(0.1), true);
     for x in [-0.1, 3.9, 0.2, -3.5] {
-        assert!(!store.absorb(&frame(&[]), at(x)), "{x}");
+        assert!(!store.absorb(&frame(&[]), at(x), true), "{x}");
     }
-    assert!(store.absorb(&frame(&[]), at(9.0)));
-    assert!(!store.absorb(&frame(&[]), at(8.9)) && !store.absorb(&frame(&[]), at(9.1)));
+    assert!(store.absorb(&frame(&[]), at(9.0), true));
+    assert!(!store.absorb(&frame(&[]), at(8.9), true) && !store.absorb(&frame(&[]), at(9.1), true));
     let middle = store.layout().origin + 8;
     assert!((9 - middle.x).abs() <= 4, "{middle}");
     // Far out, where voxels can hardly be numbered.
-    assert!(store.absorb(&frame(&[]), at(-1e30)));
+    assert!(store.absorb(&frame(&[]), at(-1e30), true));
     store.layout().validate().unwrap();
 }
 
@@ -164,7 +164,7 @@ fn clients_of_any_pace_end_with_the_same_light() {
             .into_iter()
             .map(|(voxel, light)| (IVec3::from_array(voxel), light))
             .collect();
-        if store.absorb(&frame(&lights), at(centre as f32)) {
+        if store.absorb(&frame(&lights), at(centre as f32), true) {
             // Every move is announced, whether or not a delta follows.
             clients.iter_mut().for_each(|client| client.follow(store.layout()));
         }
@@ -256,7 +256,7 @@ fn layers_of_detail_go_into_volumes_of_their_own() {
     frame.details = details.into();
     let told = |layer: u8| {
         let mut store = DeltaStore::of_detail(layer, UVec3::splat(16), 1.0, 4);
-        assert!(store.absorb(&frame, at(0.0)));
+        assert!(store.absorb(&frame, at(0.0), true));
         let changes = store.delta_since(0).unwrap();
         assert_eq!(changes.volume, DETAIL_VOLUME + u32::from(layer));
         let code = |&(_, codes): &(u32, VoxelCodes)| {
