@@ -96,6 +96,7 @@ impl ClientError {
             ErrorCode::WorldUnknown
             | ErrorCode::HelloExpected
             | ErrorCode::Invalid
+            | ErrorCode::Unlikely
             | ErrorCode::Busy
             | ErrorCode::Unauthorised => Self::Refused { cause },
             ErrorCode::Silent | ErrorCode::Draining | ErrorCode::Internal | ErrorCode::Unspecified => {

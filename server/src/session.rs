@@ -12,7 +12,7 @@ use crate::metrics::Metrics;
 use crate::streams::{Streams, VolumeLimits};
 use earthshine_engine::SessionId;
 use earthshine_protocol::v1::{ClientMessage, ServerMessage};
-use earthshine_world::{Camera, WorldIndex};
+use earthshine_world::{Camera, LightRig, WorldIndex};
 use glam::UVec3;
 use std::sync::Arc;
 use std::time::Duration;
@@ -174,6 +174,7 @@ async fn converse(
             tiles_failed_before: shared.report.read().stats.counters.tile_failures,
             ..SessionCounts::default()
         },
+        has_remarked: false,
         told_bytes: 0,
     };
     conversation.run(inbound, outbound).await
@@ -195,6 +196,8 @@ struct Conversation<'a> {
     camera_waiting: Option<(u64, Camera)>,
     camera_at: Instant,
     counts: SessionCounts,
+    /// Whether the client was told that its lights are unlikely.
+    has_remarked: bool,
     /// What its streams hold, as far as it is counted in the metrics, bytes.
     told_bytes: i64,
 }
@@ -266,7 +269,10 @@ impl Conversation<'_> {
                     self.pass_camera();
                 }
             }
-            Ok(Request::Lights(lights)) => self.mailbox.put_lights(lights),
+            Ok(Request::Lights(lights)) => {
+                self.remark_on(&lights, outbound);
+                self.mailbox.put_lights(lights);
+            }
             Ok(Request::Ack { volume, generation }) => self.take_ack(volume, generation),
             Ok(Request::Ignored) => self.ignore(),
             Err(refusal) if matches!(refusal.code, ErrorCode::Invalid) => {
@@ -277,6 +283,19 @@ impl Conversation<'_> {
             Err(refusal) => return Some(refusal.into()),
         }
         None
+    }
+
+    /// Says once a session that lights are brighter than anything likely: a client may send them many times a second.
+    fn remark_on(&mut self, lights: &LightRig, outbound: &Outbound) {
+        if self.has_remarked {
+            return;
+        }
+        let Some(remark) = lights.remark() else { return };
+        self.has_remarked = true;
+        tracing::warn!(session = self.session.0, remark, "lights are probably not meant");
+        let cause = format!("{remark}: is less meant? It is served as it is, and not remarked on again");
+        // A client that cannot take its errors does without.
+        drop(outbound.try_send(Ok(reply::error(&Refusal::new(ErrorCode::Unlikely, cause), false))));
     }
 
     fn ignore(&mut self) {

@@ -63,6 +63,37 @@ async fn impossible_lights_and_cameras_change_nothing() {
     service.stop().await;
 }
 
+/// Goal: whoever sends lights of another unit hears it, once, and gets them. Method: a lamp of 1e12 cd, three times.
+#[tokio::test]
+async fn blinding_lights_are_remarked_on_once_a_session() {
+    let service = Service::start(|_| ()).await;
+    for _session in 0..2 {
+        let mut raw = Raw::greeted(&service.uri).await;
+        let lamp = v1::PointLight {
+            intensity: Some(v1::Rgb { red: 0.0, green: 1e12, blue: 0.0 }),
+            ..Default::default()
+        };
+        let lamp = v1::Light { kind: Some(v1::light::Kind::Point(lamp)) };
+        for _time in 0..3 {
+            raw.say(Message::Lights(v1::Lights { lights: vec![lamp], ..v1::Lights::default() })).await;
+        }
+        let server_message::Message::Error(error) = raw.hear().await else { panic!("an error") };
+        assert!(!error.fatal && error.code() == ErrorCode::Unlikely, "{error:?}");
+        assert!(error.cause.contains("light 0 has an intensity of 1.0e12 cd or lx"), "{error:?}");
+        // What comes next is light, and no second remark before it.
+        raw.say_camera(1, 6.5).await;
+        loop {
+            match raw.hear().await {
+                server_message::Message::Error(error) => panic!("twice: {error:?}"),
+                server_message::Message::Delta(delta) if delta.camera_sequence == 1 => break,
+                _ => (),
+            }
+        }
+    }
+    assert_eq!(service.metric("earthshine_messages_ignored_total").await, 0.0, "they were acted upon");
+    service.stop().await;
+}
+
 #[tokio::test]
 async fn garbage_on_the_port_is_hung_up_on() {
     let service = Service::start(|_| ()).await;

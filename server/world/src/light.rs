@@ -133,6 +133,13 @@ pub struct LightError {
     pub cause: &'static str,
 }
 
+/// Lamps and suns above this, cd and lx, and scales of emission are probably meant otherwise: the sun has 1e5 lx, a
+/// lighthouse some 1e6 cd.
+pub const STRENGTH_WARNING: f32 = 1e9;
+
+/// Skies and surfaces brighter than this, cd/m2, are probably meant otherwise: a filament has some 1e7.
+pub const RADIANCE_WARNING: f32 = 1e8;
+
 impl LightRig {
     /// Only emissive surfaces: no lamps, a black sky.
     #[must_use]
@@ -160,9 +167,37 @@ impl LightRig {
         }
         Ok(())
     }
+
+    /// The first light, or else the sky or the emission scale, that is brighter than anything likely, and how bright.
+    #[must_use]
+    pub fn remark(&self) -> Option<String> {
+        let strength = |light: &Light| light.strength().max_element();
+        if let Some(index) = self.lights.iter().position(|light| strength(light) > STRENGTH_WARNING) {
+            let found = strength(&self.lights[index]);
+            return Some(format!(
+                "light {index} has an intensity of {found:.1e} cd or lx, more than {STRENGTH_WARNING:.0e}"
+            ));
+        }
+        let sky = self.sky.lobes.iter().map(|lobe| lobe.max_element()).fold(0.0, f32::max);
+        if sky > RADIANCE_WARNING {
+            return Some(format!("the sky has {sky:.1e} cd/m2, more than {RADIANCE_WARNING:.0e}"));
+        }
+        let scale = self.emission_scale;
+        (scale > STRENGTH_WARNING)
+            .then(|| format!("the emission scale is {scale:.1e}, more than {STRENGTH_WARNING:.0e}"))
+    }
 }
 
 impl Light {
+    /// What it sends out: cd, or lx of a sun.
+    #[must_use]
+    pub fn strength(&self) -> Rgb {
+        match *self {
+            Self::Directional { illuminance, .. } => illuminance,
+            Self::Point { intensity, .. } | Self::Spot { intensity, .. } => intensity,
+        }
+    }
+
     fn fault(&self, not_negative: impl Fn(Rgb) -> bool) -> Option<&'static str> {
         let unit = |v: Vec3| v.is_finite() && (v.length_squared() - 1.0).abs() < 1e-3;
         let (direction, strength, position, range) = match *self {
@@ -251,5 +286,23 @@ mod tests {
         rig.lights.push(Light::Point { position: Vec3::ZERO, intensity: Rgb::splat(-1.0), range_m: None });
         let error = rig.validate().expect_err("a negative lamp");
         assert_eq!((error.index, error.cause), (0, "the intensity is negative or not finite"));
+    }
+
+    #[test]
+    fn what_is_brighter_than_likely_is_remarked_on() {
+        let sun = |lux: f32| Light::Directional {
+            direction: Vec3::NEG_Y,
+            illuminance: Rgb::new(1.0, lux, 1.0),
+            angular_diameter_rad: 0.0,
+        };
+        let rig = |lights: Vec<Light>| LightRig { lights, ..LightRig::emission_only() };
+        assert_eq!(rig(vec![sun(1e5), sun(1e9)]).remark(), None);
+        let remark = rig(vec![sun(1e5), sun(2e9)]).remark().unwrap();
+        assert!(remark.contains("light 1 has an intensity of 2.0e9 cd or lx, more than 1e9"), "{remark}");
+        let sky = LightRig { sky: Sky::constant(Rgb::splat(1e10)), ..rig(Vec::new()) };
+        assert!(sky.remark().unwrap().contains("the sky has 1.0e10 cd/m2, more than 1e8"));
+        let scale = LightRig { emission_scale: 1e12, ..rig(Vec::new()) };
+        assert!(scale.remark().unwrap().contains("the emission scale is 1.0e12"));
+        assert_eq!(rig(vec![sun(0.0)]).remark(), None, "switched off is no mistake while a world is served");
     }
 }

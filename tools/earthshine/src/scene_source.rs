@@ -53,7 +53,9 @@ pub(crate) fn load_generated(
     };
     tell(&name, &loaded.report);
     let file = lights.map(load_lights).transpose()?;
-    if let Some(warning) = file.as_ref().and_then(|file| file.emission_warning(&loaded)) {
+    if let Some(file) = &file
+        && let Some(warning) = file.emission_warning(&loaded)?
+    {
         eprintln!("warning: {warning}");
     }
     let lights = earthshine_scene::light_rig(&loaded, file.as_ref());

@@ -64,13 +64,13 @@ fn import(document: &Document<'_>, options: &ImportOptions) -> Result<Scene, Sce
     if scene.corner_colours.is_none() {
         drop_needless_masks(&mut scene, &materials.least_alpha);
     }
-    let (lights, dark) = punctual::lights(document, &walk.lights)?;
+    let (lights, remarks) = punctual::lights(document, &walk.lights)?;
     scene.lights = lights;
     let kept = materials.is_clamped.iter().take(scene.materials.len());
     scene.report.clamped_materials = kept.filter(|&&is_clamped| is_clamped).count() as u64;
     scene.report.blended_materials = materials.blended;
     scene.report.gpu_instances = geometry.instance_count;
-    let warnings = document.ignored_extensions.iter().cloned().chain(materials.warnings).chain(dark);
+    let warnings = document.ignored_extensions.iter().cloned().chain(materials.warnings).chain(remarks);
     scene.report.warnings = warnings.chain(sentences(&walk, &geometry.skipped)).collect();
     Ok(scene)
 }

@@ -11,8 +11,8 @@
 //!
 //! `color` is linear RGB and defaults to white; `intensity` (lx or cd) to 1; `range` to none; the cone angles to
 //! 0 and pi/4, as in glTF; `angularDiameter` (rad) to 0. Directions need not be unit vectors. `emission_scale`
-//! multiplies every emissive surface. Unknown keys, negative intensities and directions of length zero are errors; a
-//! light without intensity is left out with a warning.
+//! multiplies every emissive surface. Unknown keys, negative colors and intensities and directions of length zero are errors; a
+//! light without intensity is left out with a warning, and a black sky or an emission scale of zero is remarked on.
 //!
 //! The sky is one of three, all in cd/m2:
 //!
@@ -25,14 +25,11 @@
 //! `config/lights.example.json` has all of it. Start at [`load_lights`].
 
 use crate::lights_json::{Entry, JsonFile, JsonLight, JsonSky};
-use crate::materials::EMISSION_WARNING;
 use crate::{EnvironmentMap, Material, Scene, SceneError, environment_file, resource, sky_projection};
+use earthshine_world::light::{RADIANCE_WARNING, STRENGTH_WARNING};
 use earthshine_world::{Light, LightRig, Rgb, Sky};
 use std::path::Path;
 use std::sync::Arc;
-
-/// Lamps and suns above this, cd and lx, are probably meant otherwise: the sun has 1e5 lx, a lighthouse some 1e6 cd.
-const STRENGTH_WARNING: f32 = 1e9;
 
 /// What a lights file holds.
 #[derive(Debug, Clone, PartialEq)]
@@ -45,7 +42,8 @@ pub struct LightsFile {
     pub environment: Option<Arc<EnvironmentMap>>,
     /// Multiplies every emissive surface.
     pub emission_scale: f32,
-    /// File and line that say so, for messages.
+    /// The file, and entry and line there that say so: for messages.
+    name: String,
     emission_scale_place: String,
     /// Whether the scene's own `KHR_lights_punctual` shine as well.
     pub use_gltf_lights: bool,
@@ -58,6 +56,9 @@ pub struct LightsFile {
 /// Most lights in a file.
 const LIGHTS_MAX: usize = 100_000;
 
+/// Most bytes of a file: some hundreds a light.
+const FILE_BYTES_MAX: u64 = 64 << 20;
+
 /// From this error on planes facing all ways a map is worth a warning: an even sky over black ground stays below.
 const ERROR_WARNING: f64 = 0.2;
 
@@ -67,7 +68,8 @@ const ERROR_WARNING: f64 = 0.2;
 /// [`SceneError::NotFound`], [`SceneError::Io`], and [`SceneError::BadLights`] naming the entry and its line.
 pub fn load_lights(path: &Path) -> Result<LightsFile, SceneError> {
     let file = path.display().to_string();
-    let text = resource::read_file(path).map_err(|error| SceneError::io(&file, error))?;
+    let text =
+        resource::read_file_up_to(path, FILE_BYTES_MAX).map_err(|error| SceneError::io(&file, error))?;
     parse(&text, &file, path.parent())
 }
 
@@ -97,6 +99,7 @@ fn parse(text: &[u8], name: &str, folder: Option<&Path>) -> Result<LightsFile, S
         sky: Sky::default(),
         environment: None,
         emission_scale: 1.0,
+        name: name.to_owned(),
         emission_scale_place: String::new(),
         use_gltf_lights: json.use_gltf_lights,
         warnings: Vec::new(),
@@ -105,20 +108,23 @@ fn parse(text: &[u8], name: &str, folder: Option<&Path>) -> Result<LightsFile, S
     if let Some(entry) = &json.emission_scale {
         let place = format!("emission_scale, line {}", entry.line(text));
         file.emission_scale = read_emission_scale(entry).map_err(|cause| bad(&place, cause))?;
-        file.emission_scale_place = format!("{name}: {place}");
+        file.emission_scale_place = place;
     }
     if let Some(entry) = &json.sky {
         let place = format!("sky, line {}", entry.line(text));
-        file.add_sky(entry, &format!("{name}: {place}"), folder).map_err(|cause| bad(&place, cause))?;
+        let named = format!("{name}: {place}");
+        file.add_sky(entry, &named, folder).map_err(|cause| bad(&place, cause))?;
+        file.remark_on_sky(&named);
     }
     for (index, entry) in json.lights.iter().enumerate() {
         let place = format!("light {index}, line {}", entry.line(text));
         let light = read_light(entry).map_err(|cause| bad(&place, cause))?;
-        if strength(&light) == Rgb::ZERO {
+        let strength = light.strength();
+        if strength == Rgb::ZERO {
             file.warnings.push(format!("{name}: {place} has no intensity and was left out"));
         } else {
-            if strength(&light).max_element() > STRENGTH_WARNING {
-                let found = strength(&light).max_element();
+            let found = strength.max_element();
+            if found > STRENGTH_WARNING {
                 file.warnings.push(format!(
                     "{name}: {place} has an intensity of {found:.1e} cd or lx, more than {STRENGTH_WARNING:.0e}: is a \
                      smaller one meant?"
@@ -139,7 +145,7 @@ fn read_emission_scale(entry: &Entry<'_>) -> Result<f32, String> {
 
 fn read_light(entry: &Entry<'_>) -> Result<Light, String> {
     let light: JsonLight = entry.read()?;
-    let light = light.into_light()?;
+    let light = light.into_light().map_err(|cause| format!("{cause}; {}", cure(cause)))?;
     let one = LightRig { lights: vec![light], ..LightRig::emission_only() };
     one.validate().map_err(|error| format!("{}; {}", error.cause, cure(error.cause)))?;
     Ok(light)
@@ -147,7 +153,7 @@ fn read_light(entry: &Entry<'_>) -> Result<Light, String> {
 
 /// What to do about a number that cannot be.
 fn cure(cause: &str) -> &'static str {
-    if cause.contains("intensity") {
+    if cause.contains("intensity") || cause.contains("color") {
         "color and intensity must be zero or more (zero leaves the light out)"
     } else {
         "see config/lights.example.json"
@@ -155,19 +161,49 @@ fn cure(cause: &str) -> &'static str {
 }
 
 impl LightsFile {
-    /// A sentence for people where the emission scale makes a material of `scene` brighter than any lamp.
-    #[must_use]
-    pub fn emission_warning(&self, scene: &Scene) -> Option<String> {
+    /// A sentence for people where the emission scale puts out what emits in `scene`, or makes it brighter than any lamp.
+    ///
+    /// # Errors
+    /// [`SceneError::BadLights`] where it makes a material brighter than any number.
+    pub fn emission_warning(&self, scene: &Scene) -> Result<Option<String>, SceneError> {
         let radiance = |material: &Material| material.emitted_radiance.max_element();
-        let brightest = scene.materials.iter().max_by(|a, b| radiance(a).total_cmp(&radiance(b)))?;
-        let scaled = radiance(brightest) * self.emission_scale;
-        (self.emission_scale > 1.0 && scaled > EMISSION_WARNING).then(|| {
+        let brightest = scene.materials.iter().max_by(|a, b| radiance(a).total_cmp(&radiance(b)));
+        let Some(brightest) = brightest.filter(|_| scene.emits()) else { return Ok(None) };
+        let (scale, place, name) = (self.emission_scale, &self.emission_scale_place, &brightest.name);
+        let scaled = radiance(brightest) * scale;
+        if !scaled.is_finite() {
+            return Err(SceneError::BadLights {
+                file: self.name.clone(),
+                entry: place.clone(),
+                cause: format!(
+                    "{scale:e} makes material `{name}` brighter than any number; give a smaller one"
+                ),
+            });
+        }
+        let remark = if scale == 0.0 {
+            "zero puts out all surfaces that emit; leave it out for their own light".to_owned()
+        } else if scale > 1.0 && scaled > RADIANCE_WARNING {
             format!(
-                "{}: {:e} makes material `{}` emit {scaled:.1e} cd/m2, more than {EMISSION_WARNING:.0e}: is a smaller \
-                 one meant?",
-                self.emission_scale_place, self.emission_scale, brightest.name
+                "{scale:e} makes material `{name}` emit {scaled:.1e} cd/m2, more than {RADIANCE_WARNING:.0e}: is a \
+                 smaller one meant?"
             )
-        })
+        } else {
+            return Ok(None);
+        };
+        Ok(Some(format!("{}: {place}: {remark}", self.name)))
+    }
+
+    /// Remarks on the sky at `place` where it is black or brighter than anything likely.
+    fn remark_on_sky(&mut self, place: &str) {
+        let brightest = self.sky.lobes.iter().map(|lobe| lobe.max_element()).fold(0.0, f32::max);
+        if brightest <= 0.0 {
+            self.warnings
+                .push(format!("{place} is black and gives no light; leave it out, or give it cd/m2"));
+        } else if brightest > RADIANCE_WARNING {
+            self.warnings.push(format!(
+                "{place} has {brightest:.1e} cd/m2, more than {RADIANCE_WARNING:.0e}: is a smaller one meant?"
+            ));
+        }
     }
 
     /// Reads the sky of `entry`; `place` names it in warnings, files are looked up in `folder`.
@@ -240,12 +276,5 @@ pub fn light_rig(scene: &Scene, file: Option<&LightsFile>) -> LightRig {
         lights: own.chain(added).copied().collect(),
         sky: file.map_or(Sky::default(), |file| file.sky),
         emission_scale: file.map_or(1.0, |file| file.emission_scale),
-    }
-}
-
-fn strength(light: &Light) -> Rgb {
-    match *light {
-        Light::Directional { illuminance, .. } => illuminance,
-        Light::Point { intensity, .. } | Light::Spot { intensity, .. } => intensity,
     }
 }

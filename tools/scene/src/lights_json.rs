@@ -116,22 +116,33 @@ pub(crate) enum JsonLight {
 
 impl JsonLight {
     /// With a unit direction, `color` times `intensity`; the rest is still to be validated.
-    pub(crate) fn into_light(self) -> Result<Light, String> {
+    ///
+    /// # Errors
+    /// A direction without length, a negative colour or intensity: two of them would make a light.
+    pub(crate) fn into_light(self) -> Result<Light, &'static str> {
         let unit = |direction: [f32; 3]| {
             Vec3::from_array(direction)
                 .try_normalize()
                 .ok_or("its direction has no length; give where the light goes")
         };
-        let strength = |color: [f32; 3], intensity: f32| Rgb::from_array(color) * intensity;
+        let strength = |color: [f32; 3], intensity: f32| {
+            if Rgb::from_array(color).min_element() < 0.0 {
+                Err("the color is negative")
+            } else if intensity < 0.0 {
+                Err("the intensity is negative")
+            } else {
+                Ok(Rgb::from_array(color) * intensity)
+            }
+        };
         Ok(match self {
             Self::Directional { direction, color, intensity, angular_diameter } => Light::Directional {
                 direction: unit(direction)?,
-                illuminance: strength(color, intensity),
+                illuminance: strength(color, intensity)?,
                 angular_diameter_rad: angular_diameter,
             },
             Self::Point { position, color, intensity, range } => Light::Point {
                 position: Vec3::from_array(position),
-                intensity: strength(color, intensity),
+                intensity: strength(color, intensity)?,
                 range_m: range,
             },
             Self::Spot {
@@ -145,7 +156,7 @@ impl JsonLight {
             } => Light::Spot {
                 position: Vec3::from_array(position),
                 direction: unit(direction)?,
-                intensity: strength(color, intensity),
+                intensity: strength(color, intensity)?,
                 inner_cone_rad: inner_cone_angle,
                 outer_cone_rad: outer_cone_angle,
                 range_m: range,

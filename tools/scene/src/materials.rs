@@ -4,7 +4,9 @@
 
 use crate::document::Document;
 use crate::images::Images;
+use crate::punctual::names;
 use crate::{ImportOptions, Material, SceneError, Texture};
+use earthshine_world::light::RADIANCE_WARNING;
 use earthshine_world::{Patch, Rgb};
 use gltf::json;
 use gltf::json::material::AlphaMode;
@@ -47,9 +49,6 @@ const BLEND_CUTOFF: f32 = 0.5;
 /// glTF's own default for `MASK`.
 const MASK_CUTOFF: f32 = 0.5;
 
-/// Brighter surfaces are remarked on, cd/m2: a filament has some 1e7, so it is likely another unit.
-pub(crate) const EMISSION_WARNING: f32 = 1e8;
-
 /// Reads all materials and decodes the textures they use.
 ///
 /// # Errors
@@ -66,7 +65,7 @@ pub(crate) fn import(document: &Document<'_>, options: &ImportOptions) -> Result
         blended: 0,
         warnings: Vec::new(),
     };
-    let mut averaged_metalness = 0;
+    let (mut averaged_metalness, mut put_out) = (0, Vec::new());
     for (index, json) in document.root.materials.iter().enumerate() {
         let (mut material, uv_sources) = read(document, &mut images, index, json)?;
         if options.metals_black {
@@ -79,10 +78,13 @@ pub(crate) fn import(document: &Document<'_>, options: &ImportOptions) -> Result
             let left = 1.0 - material.metallic.clamp(0.0, 1.0);
             material.base_colour = [red * left, green * left, blue * left, alpha];
         }
+        if is_put_out(json) {
+            put_out.push(format!("material {index} `{}`", material.name));
+        }
         let brightest = material.emitted_radiance.max_element();
-        if brightest > EMISSION_WARNING {
+        if brightest > RADIANCE_WARNING {
             all.warnings.push(format!(
-                "material {index} `{}` emits {brightest:.1e} cd/m2, more than {EMISSION_WARNING:.0e}: \
+                "material {index} `{}` emits {brightest:.1e} cd/m2, more than {RADIANCE_WARNING:.0e}: \
                  is its emissive strength in cd/m2?",
                 material.name
             ));
@@ -90,6 +92,8 @@ pub(crate) fn import(document: &Document<'_>, options: &ImportOptions) -> Result
         all.blended += u64::from(json.alpha_mode == Checked::Valid(AlphaMode::Blend));
         all.push(material, uv_sources, &images);
     }
+    let put_out = names(put_out.iter());
+    all.warnings.extend(put_out.map(|names| format!("an emissive strength of zero gives no light: {names}")));
     // Whoever names no material did not mean a metal, although glTF's default for the factor is one.
     all.push(Material::grey("default", 1.0), UvSources::default(), &images);
     if averaged_metalness > 0 {
@@ -135,13 +139,13 @@ fn read(
             }
         };
     let is_unlit = extensions.is_some_and(|known| known.unlit.is_some());
-    let strength = extensions.and_then(|known| known.emissive_strength.as_ref());
-    let emitted_radiance =
-        Rgb::from_array(json.emissive_factor.0) * strength.map_or(1.0, |known| known.emissive_strength.0);
+    let strength = emissive_strength(json);
+    let emitted_radiance = Rgb::from_array(json.emissive_factor.0) * strength;
     if !(base_colour.iter().all(|part| part.is_finite() && *part >= 0.0) && metallic.is_finite()) {
         return Err(wrong("its base colour or metalness is negative or not finite"));
     }
-    if !(emitted_radiance.is_finite() && emitted_radiance.min_element() >= 0.0) {
+    // Two negative numbers would make a light.
+    if !(emitted_radiance.is_finite() && emitted_radiance.min_element() >= 0.0 && strength >= 0.0) {
         return Err(wrong("its emission is negative or not finite"));
     }
     let alpha_cutoff = match json.alpha_mode {
@@ -171,6 +175,16 @@ fn read(
         name,
     };
     Ok((material, UvSources { base, emissive }))
+}
+
+fn emissive_strength(json: &json::Material) -> f32 {
+    let strength = json.extensions.as_ref().and_then(|known| known.emissive_strength.as_ref());
+    strength.map_or(1.0, |known| known.emissive_strength.0)
+}
+
+/// Whether it has a colour to emit and no strength to do it.
+fn is_put_out(json: &json::Material) -> bool {
+    emissive_strength(json) == 0.0 && json.emissive_factor.0.iter().any(|&part| part > 0.0)
 }
 
 type Textured = (Option<usize>, Option<UvSource>);

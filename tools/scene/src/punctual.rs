@@ -2,41 +2,49 @@
 
 use crate::SceneError;
 use crate::document::Document;
+use earthshine_world::light::STRENGTH_WARNING;
 use earthshine_world::{Light, LightRig, Rgb, Vec3};
 use glam::{DAffine3, DVec3};
 use gltf::json::extensions::scene::khr_lights_punctual::{Light as Json, Spot, Type};
 use gltf::json::validation::Checked;
 use std::collections::BTreeMap;
 
-/// Most lights without intensity that a warning names.
-const DARK_NAMED_MAX: usize = 8;
+/// Most lights that a warning names.
+const NAMED_MAX: usize = 8;
 
-/// The lights at `placed` nodes, and a warning where some are dark.
+/// The lights at `placed` nodes, and warnings where some are dark, or brighter than anything likely.
 ///
 /// # Errors
 /// [`SceneError::BadLights`] for a light that cannot be, [`SceneError::Malformed`] for one that is not there.
 pub(crate) fn lights(
     document: &Document<'_>,
     placed: &[(usize, DAffine3)],
-) -> Result<(Vec<Light>, Option<String>), SceneError> {
+) -> Result<(Vec<Light>, Vec<String>), SceneError> {
     let known = document.root.extensions.as_ref().and_then(|all| all.khr_lights_punctual.as_ref());
     let known = known.map_or(&[][..], |known| &known.lights);
     let mut lights = Vec::with_capacity(placed.len());
-    let mut dark = BTreeMap::new();
+    let (mut dark, mut bright) = (BTreeMap::new(), BTreeMap::new());
     for (index, world) in placed {
         let json = known.get(*index);
         let json = json.ok_or_else(|| document.malformed(format!("light {index}"), "it is not there"))?;
         let named = || format!("light {index} `{}`", json.name.as_deref().unwrap_or("without a name"));
-        let strength = Rgb::from_array(json.color) * json.intensity;
-        if strength == Rgb::ZERO {
-            dark.insert(*index, named());
-            continue;
-        }
         let bad = |cause: &str| SceneError::BadLights {
             file: document.file.to_owned(),
             entry: named(),
             cause: cause.to_owned(),
         };
+        // Two of them would make a light.
+        if Rgb::from_array(json.color).min_element() < 0.0 || json.intensity < 0.0 {
+            return Err(bad("its color or intensity is negative; give zero or more (zero leaves it out)"));
+        }
+        let strength = Rgb::from_array(json.color) * json.intensity;
+        if strength == Rgb::ZERO {
+            dark.insert(*index, named());
+            continue;
+        }
+        if strength.max_element() > STRENGTH_WARNING {
+            bright.insert(*index, named());
+        }
         if matches!(json.type_, Checked::Invalid) {
             return Err(bad("its type is none of directional, point and spot"));
         }
@@ -47,17 +55,22 @@ pub(crate) fn lights(
         rig.validate().map_err(|error| bad(error.cause))?;
         lights.push(light);
     }
-    Ok((lights, dark_warning(&dark)))
+    let mut warnings = Vec::new();
+    warnings.extend(names(dark.values()).map(|names| format!("without intensity and left out: {names}")));
+    warnings.extend(names(bright.values()).map(|names| {
+        format!("of more than {STRENGTH_WARNING:.0e} cd or lx; is a smaller intensity meant? {names}")
+    }));
+    Ok((lights, warnings))
 }
 
-/// Names the first of the lights without intensity; nothing where there are none.
-fn dark_warning(dark: &BTreeMap<usize, String>) -> Option<String> {
-    let mut names: Vec<&str> = dark.values().take(DARK_NAMED_MAX).map(String::as_str).collect();
-    let more = format!("{} more", dark.len() - names.len());
-    if dark.len() > names.len() {
+/// The first of `all`, and how many more; nothing where there are none.
+pub(crate) fn names<'a>(mut all: impl ExactSizeIterator<Item = &'a String>) -> Option<String> {
+    let mut names: Vec<&str> = all.by_ref().take(NAMED_MAX).map(String::as_str).collect();
+    let more = format!("{} more", all.len());
+    if all.len() > 0 {
         names.push(&more);
     }
-    (!names.is_empty()).then(|| format!("without intensity and left out: {}", names.join(", ")))
+    (!names.is_empty()).then(|| names.join(", "))
 }
 
 fn in_world(json: &Json, strength: Rgb, world: &DAffine3) -> Option<Light> {

@@ -12,14 +12,23 @@ const URI_SHOWN_MAX: usize = 80;
 /// Reads `path` whole.
 ///
 /// # Errors
-/// What the operating system says; [`std::io::ErrorKind::FileTooLarge`] beyond [`FILE_BYTES_MAX`].
+/// As [`read_file_up_to`] [`FILE_BYTES_MAX`].
 pub(crate) fn read_file(path: &Path) -> std::io::Result<Vec<u8>> {
+    read_file_up_to(path, FILE_BYTES_MAX)
+}
+
+/// Reads `path` whole, if it has at most `bytes_max` bytes.
+///
+/// # Errors
+/// What the operating system says; [`std::io::ErrorKind::FileTooLarge`] beyond the limit.
+pub(crate) fn read_file_up_to(path: &Path, bytes_max: u64) -> std::io::Result<Vec<u8>> {
     let file = std::fs::File::open(path)?;
     let expected = file.metadata().map_or(0, |metadata| metadata.len());
-    let mut bytes = Vec::with_capacity(usize::try_from(expected.min(FILE_BYTES_MAX)).unwrap_or(0));
-    file.take(FILE_BYTES_MAX + 1).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > FILE_BYTES_MAX {
-        return Err(std::io::ErrorKind::FileTooLarge.into());
+    let mut bytes = Vec::with_capacity(usize::try_from(expected.min(bytes_max)).unwrap_or(0));
+    file.take(bytes_max + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > bytes_max {
+        let cause = format!("it has more than the {bytes_max} bytes that are read");
+        return Err(std::io::Error::new(std::io::ErrorKind::FileTooLarge, cause));
     }
     Ok(bytes)
 }

@@ -44,9 +44,22 @@ fn punctual_lights_stand_in_the_world() {
 }
 
 #[test]
+fn punctual_lights_brighter_than_likely_are_remarked_on() {
+    let mut glb = with_lights(json!([{"type": "point", "name": "Lamp", "intensity": 1e12}]));
+    glb.json["nodes"][0]["extensions"] = at_node(0);
+    let warnings = glb.scene().report.warnings;
+    assert_eq!(warnings, ["of more than 1e9 cd or lx; is a smaller intensity meant? light 0 `Lamp`"]);
+}
+
+#[test]
 fn impossible_punctual_lights_are_named() {
     for (light, cause) in [
-        (json!({"type": "point", "name": "Lamp", "intensity": -1.0}), "intensity is negative"),
+        (json!({"type": "point", "name": "Lamp", "color": [-1, -1, -1], "intensity": -1.0}), "is negative"),
+        (json!({"type": "point", "name": "Lamp", "color": [0, -1, 0], "intensity": 0}), "is negative"),
+        (
+            json!({"type": "point", "name": "Lamp", "intensity": -1.0}),
+            "color or intensity is negative; give zero",
+        ),
         (json!({"type": "point", "name": "Lamp", "range": 0.0}), "range is not positive"),
         (json!({"type": "spot", "name": "Lamp", "spot": {"outerConeAngle": 3.0}}), "cone angles"),
         (json!({"type": "laser", "name": "Lamp"}), "none of directional, point and spot"),
@@ -123,7 +136,18 @@ fn bad_lights_json_names_the_entry_and_the_cause() {
             "light 0",
             "unknown field `position`",
         ),
-        (point("intensity", json!(-2)), "light 1", "intensity is negative"),
+        (point("intensity", json!(-2)), "light 1", "intensity is negative; color and intensity must be"),
+        (point("color", json!([1, -1, 1])), "light 1", "color is negative; color and intensity must be"),
+        (
+            json!({"lights": [{"type": "point", "position": [0, 0, 0], "color": [-1, -1, -1], "intensity": -1}]}),
+            "light 0",
+            "color is negative",
+        ),
+        (
+            json!({"lights": [{"type": "point", "position": [0, 0, 0], "color": [-1, 0, 0], "intensity": 0}]}),
+            "light 0",
+            "color is negative",
+        ),
         (point("colour", json!([1, 1, 1])), "light 1", "unknown field `colour`"),
         (point("range", json!(0)), "light 1", "range is not positive"),
         (point("position", json!([0, 0])), "light 1", "invalid length 2"),
@@ -157,6 +181,25 @@ fn faults_name_their_line_and_what_would_do() {
     assert!(error.contains("`directional`, `point`, `spot`"), "{error}");
 }
 
+/// Goal: no light that gives none, and none brighter than anything, passes without a word.
+#[test]
+fn skies_that_are_black_or_blinding_are_remarked_on() {
+    let warnings = |sky: Value| {
+        let text = json!({"lights": [], "sky": sky}).to_string();
+        parse_lights(text.as_bytes(), "x.json").expect("a sky").warnings
+    };
+    let black = ["x.json: sky, line 1 is black and gives no light; leave it out, or give it cd/m2"];
+    assert_eq!(warnings(json!({"color": [0, 0, 0]})), black);
+    let none = [0, 0, 0];
+    assert_eq!(warnings(json!({"gradient": {"zenith": none, "horizon": none, "ground": none}})), black);
+    assert!(warnings(json!({"gradient": {"zenith": [0, 0, 1], "horizon": none, "ground": none}})).is_empty());
+    let blinding = warnings(json!({"color": [1, 1e12, 1]}));
+    assert!(
+        blinding.len() == 1 && blinding[0].contains("sky, line 1 has 1.0e12 cd/m2, more than 1e8"),
+        "{blinding:?}"
+    );
+}
+
 #[test]
 fn the_example_has_every_form_but_two_skies() {
     let example =
@@ -184,7 +227,8 @@ fn the_emission_scale_reaches_the_rig() {
 fn an_emission_scale_beyond_all_lamps_is_remarked_on() {
     let glb = Glb::with_material(json!({"name": "Lamp", "emissiveFactor": [1, 0.5, 0]}));
     let warned = |text: &[u8], scene: &Glb| {
-        parse_lights(text, "x.json").expect("good lights").emission_warning(&scene.scene())
+        let file = parse_lights(text, "x.json").expect("good lights");
+        file.emission_warning(&scene.scene()).expect("numbers")
     };
     let warning = warned(b"{\n\"emission_scale\": 1e9}", &glb).expect("a warning");
     assert!(
@@ -193,6 +237,17 @@ fn an_emission_scale_beyond_all_lamps_is_remarked_on() {
     );
     assert_eq!(warned(br#"{"emission_scale": 1e7}"#, &glb), None);
     assert_eq!(warned(br#"{"emission_scale": 1e9}"#, &Glb::triangle()), None, "nothing emits");
+    let dark = warned(b"{\n\n\"emission_scale\": 0}", &glb).expect("a warning");
+    assert!(dark.starts_with("x.json: emission_scale, line 3: zero puts out all surfaces"), "{dark}");
+    assert_eq!(warned(br#"{"emission_scale": 0}"#, &Glb::triangle()), None, "nothing emits");
+    let strong = Glb::with_material(json!({"name": "Lamp", "emissiveFactor": [1, 0.5, 0],
+        "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 1e5}}}));
+    let file = parse_lights(br#"{"emission_scale": 1e38}"#, "x.json").expect("a number");
+    let error = file.emission_warning(&strong.scene()).expect_err("no number").to_string();
+    assert!(
+        error.starts_with("x.json: emission_scale, line 1: 1e38 makes material `Lamp` brighter"),
+        "{error}"
+    );
 }
 
 #[test]

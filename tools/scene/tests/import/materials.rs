@@ -228,3 +228,20 @@ fn textured_meshes_without_coordinates_are_said() {
     assert_eq!(scene.texture_coordinates, vec![[[0.0; 2]; 3]]);
     assert_eq!(scene.triangles[0][1], Vec3::X);
 }
+
+/// Goal: a surface whose emission was put out is remarked on by name, and no black number becomes light.
+#[test]
+fn emission_of_no_strength_is_remarked_on_and_negative_strength_refused() {
+    let with = |factor: Value, strength: f32| {
+        let mut glb = Glb::with_material(json!({"name": "Lamp", "emissiveFactor": factor,
+            "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": strength}}}));
+        glb.json["extensionsUsed"] = json!(["KHR_materials_emissive_strength"]);
+        glb
+    };
+    let warnings = |glb: Glb| glb.scene().report.warnings;
+    let put_out = ["an emissive strength of zero gives no light: material 0 `Lamp`"];
+    assert_eq!(warnings(with(json!([0, 0.5, 0]), 0.0)), put_out);
+    assert_eq!(warnings(with(json!([0, 0, 0]), 0.0)), [""; 0], "nothing was to emit");
+    let error = with(json!([-1, -1, -1]), -1.0).error().to_string();
+    assert!(error.contains("material 0 `Lamp`: its emission is negative"), "{error}");
+}
