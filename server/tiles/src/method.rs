@@ -135,21 +135,23 @@ impl BakeMethod {
         ]
     }
 
-    /// What is impossible about it, if anything: the parameter and what it may be.
+    /// What is impossible about it, if anything: the parameter, what it is and what it may be.
     #[must_use]
-    pub fn fault(&self) -> Option<(&'static str, &'static str)> {
+    pub fn fault(&self) -> Option<(&'static str, String, &'static str)> {
+        let of = |name, value: &dyn std::fmt::Display, cause| Some((name, value.to_string(), cause));
         if !(1..=Self::CLUSTERS_MAX).contains(&self.clusters_per_voxel) {
-            Some(("clusters a voxel", "must be 1 to 16"))
+            of("clusters a voxel", &self.clusters_per_voxel, "must be 1 to 16")
         } else if !(self.cluster_distance.is_finite() && self.cluster_distance >= 0.0) {
-            Some(("cluster distance", "must be 0 or a positive number"))
+            of("cluster distance", &self.cluster_distance, "must be 0 or a positive number")
         } else if !(self.row_error.is_finite() && (0.0..1.0).contains(&self.row_error)) {
-            Some(("row error", "must be 0 (all rows get the same rays) or a share below 1"))
+            of("row error", &self.row_error, "must be 0 (all rows get the same rays) or a share below 1")
         } else if !(1..=Self::EMITTER_FACTOR_MAX).contains(&self.emitter_factor) {
-            Some(("emitter factor", "must be 1 to 256"))
+            of("emitter factor", &self.emitter_factor, "must be 1 to 256")
         } else if !(1..=Self::RAYS_MAX).contains(&self.rays_min)
             || !(self.rays_min..=Self::RAYS_MAX).contains(&self.rays_max)
         {
-            Some(("least and most rays", "must be 1 to 1,048,576, the least first"))
+            let both = format!("{} and {}", self.rays_min, self.rays_max);
+            of("least and most rays", &both, "must be 1 to 1,048,576, the least first")
         } else {
             None
         }
@@ -188,7 +190,7 @@ mod tests {
     fn impossible_choices_are_named() {
         let base = BakeMethod::default();
         assert_eq!(base.fault(), None);
-        let name = |method: BakeMethod| method.fault().map(|(name, _)| name);
+        let name = |method: BakeMethod| method.fault().map(|(name, ..)| name);
         assert_eq!(name(BakeMethod { clusters_per_voxel: 17, ..base }), Some("clusters a voxel"));
         assert_eq!(name(BakeMethod { row_error: f32::NAN, ..base }), Some("row error"));
         assert_eq!(name(BakeMethod { rays_min: 9000, ..base }), Some("least and most rays"));

@@ -97,6 +97,7 @@ pub use earthshine_trace::ends;
 pub use earthshine_trace::{CasterError, EndCounter, Query, RayDevice, RayFan, Rays, SceneTracer};
 pub use error::BakeError;
 pub use memory::MemoryLimit;
+pub use parameters_check::check as check_parameters;
 pub use progress::{Progress, Silent, Stage};
 pub use pyramid::Levels;
 pub use shard::Shard;

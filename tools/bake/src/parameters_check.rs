@@ -11,7 +11,7 @@ const VOXEL_EDGE_MAX_M: f32 = 1e4;
 ///
 /// # Errors
 /// [`BakeError::Parameter`] for the first that is out of its range.
-pub(crate) fn check(parameters: &BakeParameters) -> Result<(), BakeError> {
+pub fn check(parameters: &BakeParameters) -> Result<(), BakeError> {
     let edge = parameters.grid.voxel_edge_m;
     if !(edge > 1e-4 && edge <= VOXEL_EDGE_MAX_M) {
         let (name, cause) = ("voxel edge", "must be a length above 0.0001 m and at most 10,000 m");
@@ -32,8 +32,8 @@ pub(crate) fn check(parameters: &BakeParameters) -> Result<(), BakeError> {
         let (name, cause) = ("rays per patch", "must be 1 to 1,048,576");
         return Err(BakeError::Parameter { name, value: rays.to_string(), cause });
     }
-    if let Some((name, cause)) = parameters.method.fault() {
-        return Err(BakeError::Parameter { name, value: format!("{:?}", parameters.method), cause });
+    if let Some((name, value, cause)) = parameters.method.fault() {
+        return Err(BakeError::Parameter { name, value, cause });
     }
     check_receivers(parameters)
 }

@@ -33,7 +33,7 @@ enum What {
         /// What is right.
         reference: PathBuf,
         /// Exposure for linear pictures.
-        #[arg(long, default_value_t = 1.0)]
+        #[arg(long, default_value_t = 1.0, value_parser = crate::numbers::positive)]
         exposure: f32,
         /// Writes the FLIP error map as PNG.
         #[arg(long)]
@@ -98,6 +98,9 @@ fn points(
     json: bool,
 ) -> anyhow::Result<()> {
     let reference = csv::read(reference)?;
+    if let Some(path) = out {
+        crate::writable::ensure_file(path)?;
+    }
     let world = WholeWorld::load(world)?;
     let own = &world.manifest.lights;
     let rig = match lights {

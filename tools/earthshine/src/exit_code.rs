@@ -1,6 +1,7 @@
 //! What the process's exit code says.
 
 use crate::operators::OperatorsError;
+use crate::same_scene::OtherScene;
 use earthshine_bake::BakeError;
 use earthshine_client::ClientError;
 use earthshine_fly::{FlyError, PathError, SunPathError};
@@ -52,6 +53,11 @@ pub(crate) struct FaultsFound {
     /// How many.
     pub count: usize,
 }
+
+/// Input files that do not fit each other.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub(crate) struct Mismatch(pub String);
 
 /// Options that do not go together.
 #[derive(Debug, thiserror::Error)]
@@ -115,7 +121,8 @@ fn code(cause: &(dyn std::error::Error + 'static)) -> Option<u8> {
         || cause.is::<CompareError>()
         || cause.is::<SizeError>()
         || cause.is::<PathError>()
-        || cause.is::<SunPathError>();
+        || cause.is::<SunPathError>()
+        || cause.is::<Mismatch>();
     let is_usage = cause.is::<CameraError>()
         || cause.is::<SamplesError>()
         || cause.is::<ScreenSpaceError>()
@@ -123,6 +130,7 @@ fn code(cause: &(dyn std::error::Error + 'static)) -> Option<u8> {
         || matches!(cause.downcast_ref(), Some(OperatorsError::Refused { .. }))
         || cause.is::<WrongUse>();
     match () {
+        () if cause.is::<OtherScene>() => Some(WORLD),
         () if is_storage => Some(STORAGE),
         () if is_input => Some(INPUT),
         () if is_usage => Some(USAGE),

@@ -8,14 +8,17 @@ use crate::operators::{OperatorArguments, Operators};
 use crate::output::out;
 use crate::scene_source;
 use crate::view::{ViewArguments, vector, write_layers};
+use crate::writable;
 use anyhow::Context as _;
 use clap::{Args, ValueEnum};
 use earthshine_client::{ClientOptions, World};
-use earthshine_fly::{FlyFrame, FlyOptions, FlyReport, Path, SunCourse, SunLight, SunPath};
+use earthshine_fly::{
+    FlyFrame, FlyOptions, FlyReport, Path, SunCourse, SunFile, SunLight, SunPath, SunPathError,
+};
 use earthshine_render::picture::{LightSource, PictureOptions, render};
 use earthshine_render::{SceneTracer, image_file};
 use earthshine_world::{LightRig, Vec3};
-use std::path::PathBuf;
+use std::path::{Path as FilePath, PathBuf};
 use std::time::Duration;
 
 /// Arguments of `earthshine fly`.
@@ -146,12 +149,25 @@ pub(crate) fn sun_path() -> SunPath {
     }
 }
 
+/// Reads a sun path, and says on standard error what is probably not meant.
+pub(crate) fn load_sun(file: &FilePath) -> Result<SunPath, SunPathError> {
+    let SunFile { sun, warning } = SunFile::load(file)?;
+    if let Some(warning) = warning {
+        eprintln!("warning: {warning}");
+    }
+    Ok(sun)
+}
+
 /// Runs the subcommand.
 pub(crate) fn run(arguments: &FlyArguments) -> anyhow::Result<()> {
     let duration = Duration::try_from_secs_f32(arguments.seconds)
         .map_err(|_out_of_range| WrongUse("--seconds has to be a number, 0 or more"))?;
+    writable::ensure_files(&arguments.route.record)?;
+    if let Some(folder) = &arguments.out {
+        writable::ensure_folder(folder)?;
+    }
     let sun = match &arguments.sun_path {
-        Some(file) => Some(SunPath::load(file)?),
+        Some(file) => Some(load_sun(file)?),
         None => arguments.moving_sun.then(sun_path),
     };
     let runtime = tokio::runtime::Runtime::new().context("the asynchronous runtime could not start")?;

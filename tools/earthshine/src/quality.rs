@@ -4,6 +4,7 @@ use crate::defaults::{Chosen, Wish, receiver_rays};
 use crate::method::MethodArguments;
 use crate::scene_source::SceneSource;
 use clap::{Args, ValueEnum};
+use earthshine_bake::BakeError;
 use earthshine_bake::MemoryLimit;
 use earthshine_gen::WorldKind;
 use earthshine_tiles::BakeParameters;
@@ -120,6 +121,24 @@ impl QualityArguments {
     pub(crate) fn parameters_of_patches(&self, source: &SceneSource) -> BakeParameters {
         let detail = if self.detail == Detail::Auto { Detail::Exactly(1) } else { self.detail };
         Self { detail, ..self.clone() }.parameters(source)
+    }
+
+    /// [`Self::parameters`] that can be baked: for who has minutes of other work to do first.
+    ///
+    /// # Errors
+    /// The first that cannot be.
+    pub(crate) fn checked(&self, source: &SceneSource) -> Result<BakeParameters, BakeError> {
+        let parameters = self.parameters(source);
+        earthshine_bake::check_parameters(&parameters).map(|()| parameters)
+    }
+
+    /// [`Self::parameters_of_patches`] that can be baked.
+    ///
+    /// # Errors
+    /// The first that cannot be.
+    pub(crate) fn checked_of_patches(&self, source: &SceneSource) -> Result<BakeParameters, BakeError> {
+        let parameters = self.parameters_of_patches(source);
+        earthshine_bake::check_parameters(&parameters).map(|()| parameters)
     }
 
     /// The parameters for `source`, and which of them were chosen.

@@ -9,11 +9,14 @@ mod traced;
 use crate::error_view::View;
 use crate::exit_code::WrongUse;
 use crate::progress_bars::counted;
+use crate::same_scene;
 use crate::scene_source::{self, SceneSource};
 use crate::view::ViewArguments;
+use crate::writable;
 use clap::{Args, ValueEnum};
-use earthshine_render::picture::{Layers, LightSource, PictureOptions, render_with_progress};
+use earthshine_render::picture::{Layers, LightSource, PictureOptions, check_samples, render_with_progress};
 use earthshine_render::{SceneTracer, metrics};
+use earthshine_tiles::Manifest;
 use std::path::PathBuf;
 
 /// Arguments of `earthshine render`.
@@ -61,7 +64,7 @@ pub(crate) struct RenderArguments {
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Exposure: radiance times this is shown, clipped at one. Default: the geometric mean becomes middle grey.
-    #[arg(long)]
+    #[arg(long, value_parser = crate::numbers::positive)]
     exposure: Option<f32>,
     /// Also write linear OpenEXR files.
     #[arg(long)]
@@ -91,11 +94,27 @@ pub(crate) const LOOKUP_SAMPLES: u32 = 32;
 /// Runs the subcommand.
 pub(crate) fn run(arguments: &RenderArguments) -> anyhow::Result<()> {
     arguments.check()?;
-    let source = scene_source::load(&arguments.scene, arguments.lights.as_deref(), false)?;
+    writable::ensure_folder(&arguments.out)?;
+    let manifest = arguments.world.as_deref().map(Manifest::load).transpose()?;
+    // The reference's metals are those that the world was baked with.
+    let metals_black = manifest.as_ref().is_some_and(|manifest| manifest.parameters.metals_black);
+    let source = scene_source::load(&arguments.scene, arguments.lights.as_deref(), metals_black)?;
     scene_source::warn_if_dark(&source);
+    match (&arguments.world, &manifest) {
+        (Some(world), Some(manifest)) if arguments.shown == View::Light => {
+            same_scene::warn_if_other(&source, world, manifest);
+        }
+        (Some(world), Some(manifest)) => same_scene::ensure_related(&source, world, manifest)?,
+        _ => (),
+    }
     let tracer = source.tracer();
     let camera = default_view::pinhole(&arguments.view, &tracer, &source.lights)?;
     let options = PictureOptions { camera, samples: arguments.samples, seed: arguments.seed };
+    check_samples(arguments.samples)?;
+    let is_compared = arguments.world.is_some() || arguments.method != Method::PathTraced;
+    if is_compared && arguments.shown == View::Light && arguments.animation.wanted().is_none() {
+        metrics::check_window(camera.width(), camera.height())?;
+    }
     let task = Task { arguments, source: &source, tracer: &tracer, options };
     if let (Some(animation), Some(world)) = (arguments.animation.wanted(), &arguments.world) {
         return animation::animate(&task, animation, world);

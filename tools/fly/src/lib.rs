@@ -12,10 +12,11 @@ pub mod probe;
 pub mod report;
 pub mod sun;
 mod sun_file;
+mod toml_table;
 
 pub use fly::{FlyError, FlyFrame, FlyOptions, fly};
 pub use path::{Key, Path, PathError};
 pub use probe::{Probe, Probes};
 pub use report::FlyReport;
-pub use sun::{SunCourse, SunLight, SunPath};
-pub use sun_file::SunPathError;
+pub use sun::{SunCourse, SunFault, SunLight, SunPath};
+pub use sun_file::{SunFile, SunPathError};

@@ -1,28 +1,37 @@
 //! Time of day as a path: a sun that moves while the camera flies, and a sky that follows it.
 //!
 //! Where the sun is comes from a [`SunCourse`], how bright and what colour from a [`SunLight`]
-//! ([`crate::daylight`]). Files are read by [`SunPath::load`] (`config/day.example.toml`).
+//! ([`crate::daylight`]). Files are read by [`crate::SunFile::load`] (`config/day.example.toml`).
 
 use crate::daylight::{Daylight, SUN_ANGULAR_DIAMETER_RAD, disc_share};
 use earthshine_client::{LightSource, Lights};
 use glam::Vec3;
 
+/// A number of a sun path that makes no sense.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{table}.{key} {cause}")]
+pub struct SunFault {
+    /// `course` or `light`.
+    pub table: &'static str,
+    /// Which of its keys.
+    pub key: &'static str,
+    /// What it is, and what it may be.
+    pub cause: String,
+}
+
 /// A sun over a flight.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SunPath {
     /// Where it goes.
     pub course: SunCourse,
     /// What it brings.
     pub light: SunLight,
     /// How often the lights are sent, 1/s.
-    #[serde(default = "twice")]
     pub rate_hz: f32,
 }
 
 /// Where the sun goes during the flight.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SunCourse {
     /// From one place in the sky to another, at an even pace.
     Straight {
@@ -42,14 +51,34 @@ pub enum SunCourse {
         /// Solar time at its end, h; beyond 24 is the next day.
         to_hour: f32,
         /// Where north lies, from +X towards +Z, degrees; -90 is -Z.
-        #[serde(default = "minus_z")]
         north_azimuth_deg: f32,
     },
 }
 
+impl SunCourse {
+    fn validate(&self) -> Result<(), SunFault> {
+        let range = |key, value, low, high| in_range("course", key, value, low, high);
+        match *self {
+            Self::Straight { azimuth_deg, elevation_deg } => {
+                for (azimuth, elevation) in azimuth_deg.into_iter().zip(elevation_deg) {
+                    range("azimuth_deg", azimuth, -3600.0, 3600.0)?;
+                    range("elevation_deg", elevation, -90.0, 90.0)?;
+                }
+                Ok(())
+            }
+            Self::Solar { latitude_deg, day_of_year, from_hour, to_hour, north_azimuth_deg } => {
+                range("latitude_deg", latitude_deg, -90.0, 90.0)?;
+                range("day_of_year", f32::from(day_of_year), 1.0, 366.0)?;
+                range("from_hour", from_hour, 0.0, SunPath::HOURS_MAX)?;
+                range("to_hour", to_hour, from_hour, SunPath::HOURS_MAX)?;
+                range("north_azimuth_deg", north_azimuth_deg, -360.0, 360.0)
+            }
+        }
+    }
+}
+
 /// What the sun brings by its elevation.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SunLight {
     /// The same wherever it stands, none below the horizon; the sky is left alone.
     Constant {
@@ -59,9 +88,36 @@ pub enum SunLight {
     /// A clear sky: brightness, colour and a sky gradient follow the elevation.
     ClearSky {
         /// Of the ground below the world, 0 to 1.
-        #[serde(default = "fifth")]
         ground_reflectance: f32,
     },
+}
+
+impl SunLight {
+    /// Brighter suns are probably meant otherwise, lx; as in lights files.
+    const ILLUMINANCE_WARNING_LX: f32 = 1e9;
+
+    fn validate(&self) -> Result<(), SunFault> {
+        match *self {
+            Self::Constant { illuminance } if illuminance.is_finite() && illuminance.min_element() >= 0.0 => {
+                Ok(())
+            }
+            Self::Constant { .. } => Err(SunFault {
+                table: "light",
+                key: "illuminance",
+                cause: "is negative or not finite; give zero or more lx".to_owned(),
+            }),
+            Self::ClearSky { ground_reflectance } => {
+                in_range("light", "ground_reflectance", ground_reflectance, 0.0, 1.0)
+            }
+        }
+    }
+}
+
+fn in_range(table: &'static str, key: &'static str, value: f32, low: f32, high: f32) -> Result<(), SunFault> {
+    if (low..=high).contains(&value) {
+        return Ok(());
+    }
+    Err(SunFault { table, key, cause: format!("is {value}; it must be {low} to {high}") })
 }
 
 impl SunPath {
@@ -72,42 +128,25 @@ impl SunPath {
     ///
     /// # Errors
     /// Which makes no sense, and what would.
-    pub fn validate(&self) -> Result<(), String> {
-        let range = |name: &str, value: f32, low: f32, high: f32| {
-            if (low..=high).contains(&value) {
-                Ok(())
-            } else {
-                Err(format!("{name} is {value}; it must be {low} to {high}"))
-            }
+    pub fn validate(&self) -> Result<(), SunFault> {
+        self.course.validate()?;
+        self.light.validate()
+    }
+
+    /// What is probably not meant, as a key of `light` and a sentence about it.
+    #[must_use]
+    pub fn remark(&self) -> Option<(&'static str, String)> {
+        let SunLight::Constant { illuminance } = self.light else { return None };
+        let brightest = illuminance.max_element();
+        let text = if brightest <= 0.0 {
+            "is zero: this sun gives no light at any time; give it lx, or fly without it".to_owned()
+        } else if brightest > SunLight::ILLUMINANCE_WARNING_LX {
+            let most = SunLight::ILLUMINANCE_WARNING_LX;
+            format!("is {brightest:.1e} lx, more than {most:.0e} (the sun has 1e5): is a smaller one meant?")
+        } else {
+            return None;
         };
-        match self.course {
-            SunCourse::Straight { azimuth_deg, elevation_deg } => {
-                for (azimuth, elevation) in azimuth_deg.into_iter().zip(elevation_deg) {
-                    range("course.azimuth_deg", azimuth, -3600.0, 3600.0)?;
-                    range("course.elevation_deg", elevation, -90.0, 90.0)?;
-                }
-            }
-            SunCourse::Solar { latitude_deg, day_of_year, from_hour, to_hour, north_azimuth_deg } => {
-                range("course.latitude_deg", latitude_deg, -90.0, 90.0)?;
-                range("course.day_of_year", f32::from(day_of_year), 1.0, 366.0)?;
-                range("course.from_hour", from_hour, 0.0, Self::HOURS_MAX)?;
-                range("course.to_hour", to_hour, from_hour, Self::HOURS_MAX)?;
-                range("course.north_azimuth_deg", north_azimuth_deg, -360.0, 360.0)?;
-            }
-        }
-        match self.light {
-            SunLight::Constant { illuminance }
-                if illuminance.is_finite() && illuminance.min_element() >= 0.0 =>
-            {
-                Ok(())
-            }
-            SunLight::Constant { .. } => {
-                Err("light.illuminance is negative or not finite; give zero or more lx".to_owned())
-            }
-            SunLight::ClearSky { ground_reflectance } => {
-                range("light.ground_reflectance", ground_reflectance, 0.0, 1.0)
-            }
-        }
+        Some(("illuminance", text))
     }
 
     /// Where the sun's light goes at `share` (0..=1) of the flight; unit.
@@ -163,18 +202,6 @@ fn solar_position(latitude_deg: f32, day_of_year: u16, hour: f32) -> [f32; 3] {
         cos_latitude * sin_declination - sin_latitude * cos_declination * cos_hour,
         sin_latitude * sin_declination + cos_latitude * cos_declination * cos_hour,
     ]
-}
-
-fn twice() -> f32 {
-    2.0
-}
-
-fn minus_z() -> f32 {
-    -90.0
-}
-
-fn fifth() -> f32 {
-    0.2
 }
 
 #[cfg(test)]
@@ -275,7 +302,7 @@ mod tests {
         assert_eq!(straight([0.0, 90.0]).validate(), Ok(()));
         assert_eq!(solar(-33.0, 366).validate(), Ok(()));
         let fault = |path: SunPath, word: &str| {
-            let cause = path.validate().unwrap_err();
+            let cause = path.validate().unwrap_err().to_string();
             assert!(cause.contains(word), "{cause}");
         };
         fault(straight([0.0, 91.0]), "course.elevation_deg is 91");

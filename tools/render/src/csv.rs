@@ -6,6 +6,7 @@
 
 use crate::PointEstimate;
 use earthshine_world::{Rgb, Vec3};
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 /// The columns, in the order they are written.
@@ -57,7 +58,7 @@ pub enum CsvError {
         source: std::io::Error,
     },
     /// Too large to be what it says.
-    #[error("{}: {bytes} bytes are more than the {FILE_BYTES_MAX} a reference may have", path.display())]
+    #[error("{}: {bytes} bytes or more; a reference may have {FILE_BYTES_MAX}", path.display())]
     TooLarge {
         /// Which file.
         path: PathBuf,
@@ -91,6 +92,9 @@ pub enum LineFault {
     /// The header lacks a column.
     #[error("the header has no column `{0}`; expected {expected}", expected = COLUMNS.join(","))]
     ColumnMissing(&'static str),
+    /// The header has a column twice.
+    #[error("the header has the column `{0}` twice; leave one of them out")]
+    ColumnTwice(&'static str),
     /// A line is shorter than the header.
     #[error("column `{0}` is missing")]
     ValueMissing(&'static str),
@@ -144,11 +148,15 @@ pub fn read_places(path: &Path) -> Result<Vec<(Vec3, Vec3)>, CsvError> {
 
 fn text_of(path: &Path) -> Result<String, CsvError> {
     let io = |source| CsvError::Read { path: path.into(), source };
-    let bytes = std::fs::metadata(path).map_err(io)?.len();
-    if bytes > FILE_BYTES_MAX {
-        return Err(CsvError::TooLarge { path: path.into(), bytes });
+    let file = std::fs::File::open(path).map_err(io)?;
+    let bytes = file.metadata().map_err(io)?.len();
+    let mut text = String::new();
+    // What a pipe or a device holds is known once it is read.
+    if bytes <= FILE_BYTES_MAX {
+        file.take(FILE_BYTES_MAX + 1).read_to_string(&mut text).map_err(io)?;
     }
-    std::fs::read_to_string(path).map_err(io)
+    let bytes = bytes.max(text.len() as u64);
+    if bytes > FILE_BYTES_MAX { Err(CsvError::TooLarge { path: path.into(), bytes }) } else { Ok(text) }
 }
 
 /// Writes reference points; the file appears whole or not at all.
@@ -230,6 +238,9 @@ fn column_places<const N: usize>(header: &str) -> Result<[usize; N], LineFault> 
     for (place, column) in places.iter_mut().zip(COLUMNS) {
         let found = names.iter().position(|&name| name == column);
         *place = found.ok_or(LineFault::ColumnMissing(column))?;
+        if names[*place + 1..].contains(&column) {
+            return Err(LineFault::ColumnTwice(column));
+        }
     }
     Ok(places)
 }
@@ -296,6 +307,7 @@ mod tests {
     fn faults_name_line_and_column() {
         assert_eq!(fault(""), (1, LineFault::NoHeader));
         assert_eq!(fault("x,y,z,nx,ny,nz,r,g,b\n"), (1, LineFault::ColumnMissing("sr")));
+        assert_eq!(fault("r,x,y,z,nx,ny,nz,r,g,b,sr,sg,sb\n"), (1, LineFault::ColumnTwice("r")));
         let good = "0,0,0,0,1,0,1,1,1,0,0,0\n";
         let second = |line: &str| fault(&format!("{HEADER}{good}{line}"));
         assert_eq!(second("0,0,0,0,1,0,1,1,1,0,0"), (3, LineFault::ValueMissing("sb")));

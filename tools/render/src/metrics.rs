@@ -50,7 +50,7 @@ pub enum SizeError {
     #[error("the pictures are {0} x {1} and {2} x {3} pixels; only equal sizes can be compared")]
     Differ(u32, u32, u32, u32),
     /// No full window fits.
-    #[error("{0} x {1} pixels are less than SSIM's window of {SSIM_WINDOW} x {SSIM_WINDOW}")]
+    #[error("{0} x {1} pixels are less than SSIM's window of {SSIM_WINDOW} x {SSIM_WINDOW}; ask for more")]
     TooSmall(u32, u32),
 }
 
@@ -79,11 +79,16 @@ pub fn compare_pictures(measured: &RgbImage, reference: &RgbImage) -> Result<Pic
 /// Whether the pictures cover each other, and a window fits.
 pub(crate) fn check_sizes(measured: &RgbImage, reference: &RgbImage) -> Result<(), SizeError> {
     SizeError::check(measured.dimensions(), reference.dimensions())?;
-    let (width, height) = measured.dimensions();
-    if (width as usize).min(height as usize) < SSIM_WINDOW {
-        return Err(SizeError::TooSmall(width, height));
-    }
-    Ok(())
+    check_window(measured.width(), measured.height())
+}
+
+/// Whether SSIM's window fits into pictures of that size: for who has them still to make.
+///
+/// # Errors
+/// It does not.
+pub fn check_window(width: u32, height: u32) -> Result<(), SizeError> {
+    let fits = (width as usize).min(height as usize) >= SSIM_WINDOW;
+    if fits { Ok(()) } else { Err(SizeError::TooSmall(width, height)) }
 }
 
 /// Compares linear luminance pixel by pixel; zeros where the reference is black.

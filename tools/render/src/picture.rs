@@ -116,6 +116,14 @@ pub struct Layers {
 #[error("{0} samples a pixel; it must be 1 to {SAMPLES_MAX}")]
 pub struct SamplesError(pub u32);
 
+/// Whether pictures are taken at `samples` paths a pixel: for who has other work to do before.
+///
+/// # Errors
+/// It is out of range.
+pub fn check_samples(samples: u32) -> Result<(), SamplesError> {
+    if (1..=SAMPLES_MAX).contains(&samples) { Ok(()) } else { Err(SamplesError(samples)) }
+}
+
 /// Takes a picture of the tracer's scene on all cores; the same options give the same bits.
 ///
 /// # Errors
@@ -140,9 +148,7 @@ pub fn render_with_progress(
     source: LightSource<'_>,
     finished: &(dyn Fn(u64) + Sync),
 ) -> Result<Layers, SamplesError> {
-    if !(1..=SAMPLES_MAX).contains(&options.samples) {
-        return Err(SamplesError(options.samples));
-    }
+    check_samples(options.samples)?;
     let paths = PathTracer { tracer, rig, emitter_sampling: EmitterSampling::Balanced };
     let (width, height) = (options.camera.width(), options.camera.height());
     let row = |y: u32| -> Vec<Pixel> {

@@ -33,10 +33,10 @@ pub(crate) struct BuildersArguments {
     #[arg(long)]
     reference: Option<PathBuf>,
     /// Random points, where there is no --reference.
-    #[arg(long, default_value_t = 600)]
+    #[arg(long, default_value_t = 600, value_parser = super::accuracy::point_count)]
     point_count: usize,
     /// Noise at which our own reference stops, as a share of the light.
-    #[arg(long, default_value_t = 0.01)]
+    #[arg(long, default_value_t = 0.01, value_parser = crate::numbers::noise)]
     noise: f32,
     /// Print a Markdown table.
     #[arg(long)]
@@ -94,7 +94,7 @@ pub(crate) fn run(arguments: &BuildersArguments, json: bool) -> anyhow::Result<(
     let started = Instant::now();
     let quality = &arguments.quality;
     let source = scene_source::load(&arguments.scene, arguments.lights.as_deref(), quality.metals_black())?;
-    let base = quality.parameters_of_patches(&source);
+    let base = quality.checked_of_patches(&source)?;
     let reference = reference_points(arguments, &source, json)?;
     let builders = variants(base)
         .into_iter()
@@ -146,7 +146,11 @@ fn reference_points(
     quiet: bool,
 ) -> anyhow::Result<Vec<ReferencePoint>> {
     if let Some(path) = &arguments.reference {
-        return Ok(csv::read(path)?);
+        let points = csv::read(path)?;
+        if points.is_empty() {
+            return Err(csv::CsvError::NoPoints { path: path.clone() }.into());
+        }
+        return Ok(points);
     }
     let tracer = source.tracer();
     let seed = arguments.quality.seed;

@@ -26,13 +26,13 @@ pub(crate) struct EstimatorsArguments {
     #[arg(long)]
     scene: String,
     /// Rows that are measured, evenly over all.
-    #[arg(long, default_value_t = 128)]
+    #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u32).range(1..))]
     rows: u32,
     /// Rays of the rows that all are held against.
-    #[arg(long, default_value_t = 65_536)]
+    #[arg(long, default_value_t = 65_536, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
     reference_rays: u32,
     /// Targets that are tried as --row-error.
-    #[arg(long, value_delimiter = ',', default_values_t = [0.04, 0.02])]
+    #[arg(long, value_delimiter = ',', default_values_t = [0.04, 0.02], value_parser = crate::numbers::share)]
     targets: Vec<f32>,
     /// Print Markdown tables.
     #[arg(long)]
@@ -101,7 +101,7 @@ pub(crate) fn run(arguments: &EstimatorsArguments, json: bool) -> anyhow::Result
     let started = Instant::now();
     let quality = &arguments.quality;
     let source = scene_source::load(&arguments.scene, None, quality.metals_black())?;
-    let bench = Bench::new(&source.scene, quality.parameters_of_patches(&source), arguments, json);
+    let bench = Bench::new(&source.scene, quality.checked_of_patches(&source)?, arguments, json);
     let mut estimators = Vec::new();
     for (name, spread) in SPREADS {
         for rays in RAYS {

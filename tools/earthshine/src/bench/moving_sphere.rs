@@ -5,12 +5,15 @@
 
 use super::Report;
 use super::accuracy::measured::baked;
+use crate::exit_code::{Mismatch, WrongUse};
+use crate::numbers;
 use crate::quality::QualityArguments;
 use crate::reference_light;
 use crate::scene_source::{self, SceneSource};
 use crate::view::vector;
 use crate::volume_light;
-use anyhow::{Context as _, ensure};
+use crate::writable;
+use anyhow::Context as _;
 use clap::Args;
 use earthshine_gen::WorldKind;
 use earthshine_render::ReferenceOptions;
@@ -35,16 +38,16 @@ pub(crate) struct SphereArguments {
     #[arg(long, value_parser = vector, value_delimiter = ';', allow_hyphen_values = true)]
     way: Vec<Vec3>,
     /// Radius of the sphere, m. Default: an eighth of a voxel's edge or 5 cm, whichever is more.
-    #[arg(long)]
+    #[arg(long, value_parser = numbers::positive)]
     radius: Option<f32>,
     /// Places on the way at which light is compared.
-    #[arg(long, default_value_t = 32)]
+    #[arg(long, default_value_t = 32, value_parser = clap::value_parser!(u32).range(2..=10_000))]
     frames: u32,
     /// Points on the sphere.
-    #[arg(long, default_value_t = 64)]
+    #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     sphere_points: u32,
     /// Noise at which the reference stops, as a share of the light.
-    #[arg(long, default_value_t = 0.02)]
+    #[arg(long, default_value_t = 0.02, value_parser = numbers::noise)]
     noise: f32,
     /// CSV that an earlier run with the same way wrote: its light is not traced again.
     #[arg(long)]
@@ -98,22 +101,24 @@ struct Figures {
 /// Runs the suite.
 pub(crate) fn run(arguments: &SphereArguments, json: bool) -> anyhow::Result<()> {
     let started = Instant::now();
-    ensure!(arguments.frames >= 2 && arguments.sphere_points >= 1, "a movement takes 2 frames and 1 point");
+    writable::ensure_files(&arguments.reference_out)?;
     let metals_black = arguments.quality.metals_black();
     let source = scene_source::load(&arguments.scene, arguments.lights.as_deref(), metals_black)?;
     let way = Way::of(arguments, &source)?;
-    let measured = baked(&source, arguments.quality.parameters_of_patches(&source), json)?;
-    let volumes = &measured.volumes;
-    let voxel_edge_m = measured.world.grid.voxel_edge_m;
+    let parameters = arguments.quality.checked_of_patches(&source)?;
+    let voxel_edge_m = parameters.grid.voxel_edge_m;
     let radius_m = arguments.radius.unwrap_or_else(|| (voxel_edge_m / 8.0).max(0.05));
     let sphere = Sphere { radius_m, points: arguments.sphere_points };
 
     let places: Vec<(Vec3, Vec3)> = (0..arguments.frames)
         .flat_map(|frame| sphere.places(way.at(frame as f32 / (arguments.frames - 1) as f32)))
         .collect();
+    // A file of other points is refused before the bake.
     let referencing = Instant::now();
     let reference = reference(arguments, &source, &places, json)?;
     let reference_seconds = referencing.elapsed().as_secs_f64();
+    let measured = baked(&source, parameters, json)?;
+    let volumes = &measured.volumes;
     let lights: Vec<Option<Rgb>> =
         reference.iter().map(|point| volume_light::at(volumes, point.position, point.normal)).collect();
     let of_reference: Vec<f32> = reference.iter().map(|point| mean(point.irradiance)).collect();
@@ -150,17 +155,17 @@ struct Way {
 }
 
 impl Way {
-    fn of(arguments: &SphereArguments, source: &SceneSource) -> anyhow::Result<Self> {
+    fn of(arguments: &SphereArguments, source: &SceneSource) -> Result<Self, WrongUse> {
         let corners = match source.kind {
             Some(WorldKind::Cornell) if arguments.way.is_empty() => CORNELL_WAY.to_vec(),
             _ => arguments.way.clone(),
         };
-        ensure!(
-            corners.len() >= 2,
-            "where the sphere goes in {} has to be said: --way \"x,y,z; x,y,z\"",
-            source.name
-        );
         let length_m = corners.windows(2).map(|pair| pair[0].distance(pair[1])).sum();
+        if length_m <= 0.0 {
+            return Err(WrongUse(
+                "where the sphere goes has to be said, by two places or more: --way \"x,y,z; x,y,z\"",
+            ));
+        }
         Ok(Self { corners, length_m })
     }
 
@@ -208,7 +213,11 @@ fn reference(
         let points = csv::read(path)?;
         let is_same = points.len() == places.len()
             && points.iter().zip(places).all(|(point, place)| point.position.distance(place.0) < 1e-3);
-        ensure!(is_same, "{} is of another way, or of other points", path.display());
+        if !is_same {
+            let path = path.display();
+            let cause = format!("{path} is of another way, or of other points: leave --reference out");
+            return Err(Mismatch(cause).into());
+        }
         return Ok(points);
     }
     let options = ReferenceOptions {

@@ -14,17 +14,22 @@ use crate::render::screen_space::{SERVED_RADIUS_VOXELS, SERVED_SAMPLES};
 use crate::scene_source::{self, SceneSource};
 use crate::view::{ViewArguments, vector};
 use crate::volume_light;
+use crate::writable;
 use anyhow::Context as _;
 use clap::Args;
 use earthshine_render::SceneTracer;
-use earthshine_render::metrics::{LinearErrors, PictureErrors, compare_pictures, linear_errors};
+use earthshine_render::metrics::{
+    LinearErrors, PictureErrors, check_window, compare_pictures, linear_errors,
+};
 use earthshine_render::noiseless::{CORRECTION_MAX, NoiselessErrors, compare_noiseless, lost_ssim};
-use earthshine_render::picture::{Layers, LightSource, PictureOptions, render_with_progress};
+use earthshine_render::picture::{Layers, LightSource, PictureOptions, check_samples, render_with_progress};
 use earthshine_render::screen_space::{self, ScreenSpaceOptions};
 use earthshine_render::{difference, image_file};
+use earthshine_scene::SceneError;
 use earthshine_world::Vec3;
 use serde::Serialize;
-use std::path::PathBuf;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::Instant;
 
@@ -94,6 +99,27 @@ impl FromStr for Subject {
     }
 }
 
+impl PicturesArguments {
+    /// What would be found out after the bake of a scene, or of the ones before it.
+    fn check(&self) -> anyhow::Result<()> {
+        check_window(self.width, self.height)?;
+        check_samples(self.reference_samples)?;
+        self.out.iter().try_for_each(|folder| writable::ensure_folder(folder))?;
+        for subject in &self.scenes {
+            let is_file = Path::new(&subject.scene).extension().is_some();
+            let scene = is_file.then(|| PathBuf::from(&subject.scene));
+            for file in scene.iter().chain(&subject.lights) {
+                let name = file.display().to_string();
+                std::fs::File::open(file).map_err(|source| match source.kind() {
+                    ErrorKind::NotFound => SceneError::NotFound { file: name },
+                    _ => SceneError::Io { file: name, source },
+                })?;
+            }
+        }
+        Ok(())
+    }
+}
+
 /// Added to the seed for pictures that are measured.
 pub(super) const OWN_SEED: u64 = 0x5EED;
 
@@ -128,6 +154,7 @@ struct PictureFigures {
 /// Runs the suite.
 pub(crate) fn run(arguments: &PicturesArguments, json: bool) -> anyhow::Result<()> {
     let started = Instant::now();
+    arguments.check()?;
     let pictures = arguments
         .scenes
         .iter()
@@ -156,15 +183,10 @@ fn figures_of(
         Some(edge) => quality.with_voxel(edge),
         None => quality,
     };
-    let parameters = quality.parameters(&source);
-    let measured = baked(&source, parameters, quiet)?;
+    let parameters = quality.checked(&source)?;
     let tracer = source.tracer();
     let view = ViewArguments::sized(arguments.width, arguments.height).seen(subject.camera, subject.target);
     let camera = crate::render::default_view::pinhole(&view, &tracer, &source.lights)?;
-    let shoot = |samples: u32, seed: u64, light: LightSource<'_>| -> anyhow::Result<Layers> {
-        picture(&tracer, &source, &PictureOptions { camera, samples, seed }, light, quiet)
-    };
-    let lookup = |position, normal| volume_light::at(&measured.volumes, position, normal);
     let seed = arguments.quality.seed;
     let refining = ScreenSpaceOptions {
         camera,
@@ -173,6 +195,12 @@ fn figures_of(
         radius_m: SERVED_RADIUS_VOXELS * parameters.grid.voxel_edge_m,
         seed,
     };
+    refining.validate()?;
+    let measured = baked(&source, parameters, quiet)?;
+    let shoot = |samples: u32, seed: u64, light: LightSource<'_>| -> anyhow::Result<Layers> {
+        picture(&tracer, &source, &PictureOptions { camera, samples, seed }, light, quiet)
+    };
+    let lookup = |position, normal| volume_light::at(&measured.volumes, position, normal);
     let light = screen_space::served(&tracer, &source.lights, &refining, &lookup, &|_| {})?;
     let refined_lookup = light.refined_lookup(&lookup);
     // Other places in pixels than either reference's, or what they share would count as right.

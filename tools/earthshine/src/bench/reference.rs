@@ -1,9 +1,11 @@
 //! `bench reference`: our path tracer against another renderer's light at points, in standard errors.
 
 use super::Report;
+use crate::numbers;
 use crate::progress_bars::counted;
 use crate::quality::Metals;
 use crate::scene_source;
+use crate::writable;
 use anyhow::Context as _;
 use clap::Args;
 use earthshine_render::agreement::{Agreement, ApartPoint, agreement, apart};
@@ -37,13 +39,13 @@ pub(crate) struct ReferenceArguments {
     #[arg(long)]
     reference: PathBuf,
     /// Points of it that are traced, from the first on.
-    #[arg(long, default_value_t = usize::MAX, hide_default_value = true)]
-    point_count: usize,
+    #[arg(long, value_parser = super::accuracy::point_count)]
+    point_count: Option<usize>,
     /// Noise at which a point is done, as a share of its light; 0 takes all paths.
-    #[arg(long, default_value_t = 0.01)]
+    #[arg(long, default_value_t = 0.01, value_parser = numbers::noise)]
     noise: f32,
     /// Most paths a point.
-    #[arg(long, default_value_t = 1 << 16)]
+    #[arg(long, default_value_t = 1 << 16, value_parser = clap::value_parser!(u64).range(1..=1 << 40))]
     paths: u64,
     /// Of the random numbers.
     #[arg(long, default_value_t = 1)]
@@ -73,7 +75,8 @@ struct Figures {
 /// Runs the suite.
 pub(crate) fn run(arguments: &ReferenceArguments, json: bool) -> anyhow::Result<()> {
     let mut theirs = csv::read(&arguments.reference)?;
-    theirs.truncate(arguments.point_count);
+    theirs.truncate(arguments.point_count.unwrap_or(usize::MAX));
+    writable::ensure_files(&arguments.out)?;
     if theirs.is_empty() {
         return Err(csv::CsvError::NoPoints { path: arguments.reference.clone() }.into());
     }

@@ -110,8 +110,14 @@ pub(crate) fn run(arguments: &RefinementArguments, json: bool) -> anyhow::Result
     let source = scene_source::load(&arguments.scene, arguments.lights.as_deref(), metals_black)?;
     let tracer = source.tracer();
     let camera = crate::render::default_view::pinhole(&arguments.view, &tracer, &source.lights)?;
+    earthshine_render::metrics::check_window(camera.width(), camera.height())?;
+    let parameters = arguments.quality.checked(&source)?;
+    for &far_samples in &arguments.pixel_rays {
+        let (near_samples, seed) = (arguments.near_samples, arguments.quality.seed);
+        ScreenSpaceOptions { camera, far_samples, near_samples, radius_m: 1.0, seed }.validate()?;
+    }
     let bench = Bench::new(arguments, &source, &tracer, camera, json)?;
-    let world = baked(&source, arguments.quality.parameters(&source), json)?;
+    let world = baked(&source, parameters, json)?;
     let lookup = |position, normal| volume_light::at(&world.volumes, position, normal);
     let grid = world.world.grid;
     let radius_m = RADIUS_SHARE * source.scene.bounds().size().length();

@@ -2,7 +2,7 @@
 //! solvers side by side.
 
 use super::Task;
-use crate::fly::sun_path;
+use crate::fly::{load_sun, sun_path};
 use crate::lights_wire;
 use crate::output::out;
 use crate::progress_bars::counted;
@@ -103,7 +103,7 @@ pub(super) fn animate(task: &Task<'_>, animation: Animation, folder: &Path) -> a
     let options = &task.arguments.animation;
     let (frames, every) =
         (options.frames.unwrap_or(FRAMES).max(2), options.picture_every.unwrap_or(PICTURE_EVERY).max(1));
-    let sun = options.sun_path.as_deref().map(SunPath::load).transpose()?.unwrap_or_else(sun_path);
+    let sun = options.sun_path.as_deref().map(load_sun).transpose()?.unwrap_or_else(sun_path);
     let world = WholeWorld::load(folder)?;
     let areas: Vec<f32> = world.patches().map(|patch| patch.area).collect();
     let reflectance: Vec<Rgb> = world.patches().map(|patch| patch.reflectance).collect();

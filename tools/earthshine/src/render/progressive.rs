@@ -53,7 +53,7 @@ pub(super) struct ProgressiveArguments {
     #[arg(long)]
     until: Option<f64>,
     /// Most shots.
-    #[arg(long)]
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..))]
     shots: Option<u64>,
     /// Frames show the light that is still to be shot as an even ambient.
     #[arg(long)]

@@ -49,12 +49,6 @@ pub(super) fn served(task: &Task<'_>, folder: &Path) -> anyhow::Result<()> {
     write_layers(&arguments.out, "service_", &comparison.service, exposure, arguments.exr)?;
     write_layers(&arguments.out, "reference_", &comparison.reference, exposure, arguments.exr)?;
     comparison.write_sheet(&arguments.out.join("sheet.png"))?;
-    if comparison.service.uncovered_share > 0.5 {
-        eprintln!(
-            "warning: most of the view has no light in {}: is it baked from this scene?",
-            folder.display()
-        );
-    }
     let errors = comparison.indirect_errors()?;
     let uncovered_share = comparison.service.uncovered_share;
     if arguments.json {

@@ -1,6 +1,6 @@
 //! `bench accuracy`: reference files that are not, sweeps, worlds, and the causes of errors.
 
-use crate::command::{INPUT, OTHER, Run, STORAGE, USAGE, cornell_world, desk, run};
+use crate::command::{INPUT, Run, STORAGE, USAGE, WORLD, cornell_world, desk, run};
 use std::fs;
 use std::path::Path;
 
@@ -82,7 +82,7 @@ fn our_reference_is_read_back_and_its_points_can_be_chosen() {
     assert_eq!(three["points"], 3);
     fs::write(desk.path().join("three.csv"), places + "9,9,9,0,1,0\n").expect("a scratch folder");
     accuracy(desk.path(), &["--reference", "ours.csv", "--points", "three.csv"])
-        .fails(OTHER, &["three.csv in ours.csv", "point 4 at [9, 9, 9]"]);
+        .fails(INPUT, &["three.csv in ours.csv", "point 4 at [9, 9, 9]"]);
 }
 
 #[test]
@@ -108,7 +108,7 @@ fn a_world_that_is_there_is_measured_and_another_scenes_is_not() {
     assert!(table.contains("median error") && table.contains("causes of error"), "{table}");
     let lines = |name: &str| fs::read_to_string(desk.path().join(name)).expect("a report").lines().count();
     assert!(lines("causes.csv") == 21 && lines("causes_voxels.csv") > 2);
-    with(&["--scene", "two-rooms"]).fails(OTHER, &["world: baked from cornell, not from two-rooms"]);
+    with(&["--scene", "two-rooms"]).fails(WORLD, &["world: baked from cornell, not from two-rooms"]);
     with(&["--scene", "cornell", "--report", "causes.txt"]).fails(USAGE, &[".csv or .json"]);
     with(&["--scene", "cornell", "--voxel", "1"]).fails(USAGE, &[]);
 }
@@ -233,8 +233,8 @@ fn a_moving_sphere_is_lit_without_gaps_and_jumps() {
     // Without light in the air most of the way is dark.
     let bare = sphere(&["--reference", "sphere.csv", "--receivers", "0"]).succeeds().json();
     assert!(bare["black_share"].as_f64() > Some(0.3), "{bare}");
-    sphere(&["--reference", "sphere.csv", "--frames", "8"]).fails(OTHER, &["sphere.csv is of another way"]);
-    run(desk.path(), &["bench", "sphere", "--scene", "two-rooms"]).fails(OTHER, &["--way"]);
+    sphere(&["--reference", "sphere.csv", "--frames", "8"]).fails(INPUT, &["sphere.csv is of another way"]);
+    run(desk.path(), &["bench", "sphere", "--scene", "two-rooms"]).fails(USAGE, &["--way"]);
 }
 
 #[test]
@@ -254,6 +254,17 @@ fn errors_of_a_view_are_drawn() {
         assert!(seen.len() > 4, "{shown}: {seen:?}");
     }
     run(desk.path(), &[&view[..], &["--view", "error"]].concat()).fails(USAGE, &["--world"]);
+    // Of another scene errors have no meaning; its light may be looked at.
+    let other = |shown: &str| {
+        let more = ["--camera", "0,1,3", "--target", "0,1,0", "--world", "world", "--view", shown];
+        run(desk.path(), &[&["render", "two-rooms"], &view[2..], &more].concat())
+    };
+    let words = ["world: baked from cornell, not from two-rooms", "bake it again"];
+    for shown in ["error", "cause"] {
+        other(shown).fails(WORLD, &words);
+    }
+    let seen = other("light").succeeds().errors;
+    assert!(words.iter().all(|word| seen.contains(word)) && seen.contains("warning: world"), "{seen}");
 }
 
 /// Goal: one command compares pictures of several scenes, and says what of one it cannot read.

@@ -2,7 +2,7 @@
 //!
 //! Exit code 3; the file, the line where there is one, the cause and the cure by name; no trace of a world.
 
-use crate::command::{INPUT, Run, USAGE, bake, files, run};
+use crate::command::{CONNECTION, INPUT, Run, USAGE, bake, files, run};
 use crate::glb::Gltf;
 use image::{DynamicImage, Rgb32FImage, RgbImage};
 use std::path::Path;
@@ -47,6 +47,11 @@ fn lights_that_cannot_be_name_their_line() {
         &with(r#"{"type": "point", "position": [0, 1, 0], "intensity": -5}"#),
         &["light 0, line 3", "negative", "must be zero or more"],
     );
+    refuses(
+        desk.path(),
+        &with(r#"{"type": "point", "position": [0, 1, 0], "color": [-1, -1, -1], "intensity": -5}"#),
+        &["light 0, line 3", "the color is negative", "must be zero or more"],
+    );
     refuses(desk.path(), "{\n \"emission_scale\": -1\n}", &["emission_scale, line 2", "give zero or more"]);
     refuses(desk.path(), "{\n \"lights\": [\n}", &["the file", "line 3", "config/lights.example.json"]);
 }
@@ -58,6 +63,13 @@ fn a_light_without_intensity_is_left_out_with_a_word() {
         bake_under(desk.path(), r#"{"lights": [{"type": "point", "position": [0, 1, 0], "intensity": 0}]}"#);
     let words = "warning: lights.json: light 0, line 1 has no intensity and was left out";
     assert!(baked.succeeds().errors.contains(words));
+    for (dark, words) in [
+        (r#""sky": {"color": [0, 0, 0]}"#, "sky, line 2 is black and gives no light"),
+        (r#""emission_scale": 0"#, "emission_scale, line 2: zero puts out all surfaces"),
+    ] {
+        let baked = bake_under(desk.path(), &format!("{{\n {dark}\n}}")).succeeds();
+        assert_eq!(baked.errors.matches(words).count(), 1, "{baked:?}");
+    }
 }
 
 #[test]
@@ -142,7 +154,13 @@ fn sun_paths_that_cannot_be() {
     let light = "light = { type = \"clear_sky\" }\n";
     let course =
         "[course]\ntype = \"solar\"\nlatitude_deg = 95\nday_of_year = 1\nfrom_hour = 0\nto_hour = 24\n";
-    fly(&format!("{light}{course}")).fails(INPUT, &["day.toml", "course.latitude_deg is 95", "-90 to 90"]);
+    fly(&format!("{light}{course}")).fails(
+        INPUT,
+        &["day.toml", "line 4: course.latitude_deg is 95", "-90 to 90", "config/day.example.toml"],
+    );
+    let dark = "light = { type = \"constant\", illuminance = [0, 0, 0] }\n";
+    let straight = "course = { type = \"straight\", azimuth_deg = [0, 90], elevation_deg = [10, 60] }\n";
+    fly(&format!("{straight}{dark}")).fails(CONNECTION, &["warning: ", "line 2: light.illuminance is zero"]);
     for seconds in ["--seconds=-1", "--seconds=nan", "--seconds=1e30"] {
         run(desk.path(), &["fly", seconds]).fails(USAGE, &["--seconds has to be a number"]);
     }

@@ -2,7 +2,7 @@
 //!
 //! `main_path` goes all the way from `gen` to `fly`; `defaults` says nothing and looks at what is chosen;
 //! `accuracy` and `moving_light` measure, `methods` draws; `devices` lists and measures graphics adapters, or does without;
-//! `scenes`, `lights`, `worlds`, `service` and
+//! `scenes`, `lights`, `words`, `worlds`, `service` and
 //! `disk_full` hand it what nobody should, and check the documented exit code, a message that names file, cause and
 //! cure, and that nothing half-written stays. What a client may do to a server is tested beside the server.
 
@@ -18,4 +18,5 @@ mod methods;
 mod moving_light;
 mod scenes;
 mod service;
+mod words;
 mod worlds;

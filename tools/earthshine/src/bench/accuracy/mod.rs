@@ -11,17 +11,20 @@ mod text;
 
 use super::Report;
 use crate::causes::{self, ExplainOptions, Explainer};
-use crate::exit_code::WrongUse;
+use crate::numbers;
 use crate::progress_bars::counted;
 use crate::quality::QualityArguments;
+use crate::same_scene;
 use crate::scene_source::{self, SceneSource};
 use crate::volume_light;
+use crate::writable;
 use beyond::BeyondPoint;
 use clap::Args;
 use earthshine_gen::GenOptions;
 use earthshine_render::SceneTracer;
 use earthshine_render::compare_points::{LightErrors, compare_points};
 use earthshine_render::csv::{self, ReferencePoint};
+use earthshine_tiles::{BakeParameters, Manifest};
 use measured::Measured;
 use serde::Serialize;
 use solving::SolvingArguments;
@@ -58,11 +61,11 @@ pub(crate) struct AccuracyArguments {
     #[arg(long)]
     reference: Option<PathBuf>,
     /// Random points, where no file names any.
-    #[arg(long, default_value_t = 600)]
+    #[arg(long, default_value_t = 600, value_parser = point_count)]
     point_count: usize,
     /// Noise at which our own reference stops, as a share of the light.
     /// [default: 0.01]
-    #[arg(long)]
+    #[arg(long, value_parser = numbers::noise)]
     noise: Option<f32>,
     /// Writes the light of our own path tracer at the points as reference CSV.
     #[arg(long, conflicts_with = "reference")]
@@ -96,6 +99,42 @@ impl AccuracyArguments {
     fn noise(&self) -> f32 {
         self.noise.unwrap_or(0.01)
     }
+
+    /// What the world is, or will be, baked with: one of this scene, of parameters that can be.
+    fn parameters(&self, source: &SceneSource) -> anyhow::Result<BakeParameters> {
+        if let Some(folder) = &self.world {
+            let manifest = Manifest::load(folder)?;
+            same_scene::ensure_same(source, self.quality.metals_black(), folder, &manifest)?;
+            return Ok(manifest.parameters);
+        }
+        if let Some(sweep) = &self.sweep {
+            sweep.check(&self.quality, source)?;
+        }
+        Ok(self.quality.checked(source)?)
+    }
+
+    /// Files that will be written.
+    fn results(&self) -> Vec<PathBuf> {
+        let mut all: Vec<PathBuf> =
+            [&self.write_reference, &self.out, &self.report].into_iter().flatten().cloned().collect();
+        if self.sweep.is_some() {
+            all.extend(sweep::files(&self.sweep_out));
+        }
+        all
+    }
+}
+
+/// Most random points.
+const POINTS_MAX: usize = 1_000_000;
+
+/// How many points, as on the command line; without any, who has no file of points has nothing to compare.
+pub(super) fn point_count(text: &str) -> Result<usize, String> {
+    match text.trim().parse::<usize>() {
+        Ok(0) => Err("--point-count 0 leaves nothing to compare: ask for 1 or more".to_owned()),
+        Ok(count) if count <= POINTS_MAX => Ok(count),
+        Ok(_) => Err(format!("at most {POINTS_MAX} points are measured")),
+        Err(error) => Err(error.to_string()),
+    }
 }
 
 #[derive(Serialize)]
@@ -123,10 +162,8 @@ pub(super) struct Figures {
 
 /// Runs the suite.
 pub(crate) fn run(arguments: &AccuracyArguments, json: bool) -> anyhow::Result<()> {
-    if arguments.point_count == 0 && arguments.points.is_none() && arguments.reference.is_none() {
-        return Err(WrongUse("--point-count 0 leaves nothing to compare: ask for 1 or more").into());
-    }
     arguments.solving.check()?;
+    writable::ensure_files(&arguments.results())?;
     if arguments.scene == "furnace" {
         return furnace::run(arguments, json);
     }
@@ -142,6 +179,8 @@ pub(crate) fn run(arguments: &AccuracyArguments, json: bool) -> anyhow::Result<(
         &GenOptions::default(),
     )?;
     scene_source::warn_if_dark(&source);
+    // What makes all other work vain is found out first.
+    let parameters = arguments.parameters(&source)?;
     let referencing = Instant::now();
     let reference = points::reference(arguments, &source, json)?;
     let reference_seconds = referencing.elapsed().as_secs_f64();
@@ -156,10 +195,7 @@ pub(crate) fn run(arguments: &AccuracyArguments, json: bool) -> anyhow::Result<(
     }
     let measured = match &arguments.world {
         Some(folder) => measured::loaded(&arguments.solving, &source, folder)?,
-        None => {
-            let parameters = arguments.quality.parameters(&source);
-            measured::baked_for(&arguments.solving, &source, parameters, json)?
-        }
+        None => measured::baked_for(&arguments.solving, &source, parameters, json)?,
     };
     let (light, mut figures) = compared(&measured, &reference, reference_seconds)?;
     if let Some(path) = &arguments.out {

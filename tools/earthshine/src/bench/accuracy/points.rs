@@ -1,10 +1,11 @@
 //! Where light is compared, and what it should be there.
 
 use super::AccuracyArguments;
+use crate::exit_code::Mismatch;
 use crate::reference_light;
 use crate::scene_source::SceneSource;
 use crate::volume_light;
-use anyhow::{Context as _, bail, ensure};
+use anyhow::{Context as _, ensure};
 use earthshine_render::ReferenceOptions;
 use earthshine_render::csv::{self, ReferencePoint};
 use earthshine_world::Vec3;
@@ -64,7 +65,7 @@ fn ensure_some(path: &Path, count: usize) -> Result<(), csv::CsvError> {
 }
 
 /// The reference points at `places`, in that order.
-fn chosen(places: &[(Vec3, Vec3)], reference: &[ReferencePoint]) -> anyhow::Result<Vec<ReferencePoint>> {
+fn chosen(places: &[(Vec3, Vec3)], reference: &[ReferencePoint]) -> Result<Vec<ReferencePoint>, Mismatch> {
     let cell = |position: Vec3| (position / SAME_PLACE_M).floor().as_ivec3();
     let mut by_cell: HashMap<glam::IVec3, Vec<usize>> = HashMap::new();
     for (index, point) in reference.iter().enumerate() {
@@ -84,10 +85,13 @@ fn chosen(places: &[(Vec3, Vec3)], reference: &[ReferencePoint]) -> anyhow::Resu
     for (index, &(position, normal)) in places.iter().enumerate() {
         match find(position, normal) {
             Some(point) => found.push(*point),
-            None => bail!(
-                "point {} at {position} facing {normal} has no light in the reference: trace it, or leave --points out",
-                index + 1
-            ),
+            None => {
+                let point = index + 1;
+                return Err(Mismatch(format!(
+                    "point {point} at {position} facing {normal} has no light in the reference: trace it, or leave \
+                     --points out"
+                )));
+            }
         }
     }
     Ok(found)

@@ -6,6 +6,7 @@ use crate::output::out;
 use crate::quality::QualityArguments;
 use crate::scene_source::SceneSource;
 use anyhow::Context as _;
+use earthshine_bake::BakeError;
 use earthshine_render::chart::{self, Axis, Chart, Scale, Series};
 use earthshine_render::csv::ReferencePoint;
 use serde::Serialize;
@@ -52,6 +53,18 @@ impl std::str::FromStr for Sweep {
             return Err(format!("{} values; at most {VALUES_MAX}", values.len()));
         }
         Ok(Self { varied, values })
+    }
+}
+
+impl Sweep {
+    /// Refuses values that cannot be baked: before the first is.
+    ///
+    /// # Errors
+    /// The first that cannot be.
+    pub(super) fn check(&self, quality: &QualityArguments, source: &SceneSource) -> Result<(), BakeError> {
+        self.values
+            .iter()
+            .try_for_each(|&value| self.varied.applied(quality, value).checked(source).map(drop))
     }
 }
 
@@ -106,8 +119,7 @@ pub(super) fn run(
         let (_, figures) = compared(&measured, reference, 0.0)?;
         steps.push(figures);
     }
-    let path = |ending: &str| with_ending(&arguments.sweep_out, ending);
-    let csv = path(".csv");
+    let [csv, ..] = files(&arguments.sweep_out);
     std::fs::write(&csv, to_csv(&steps)).with_context(|| csv.display().to_string())?;
     let charts = charts(sweep, &steps, &source.name);
     let [svg, png] = chart::write_both(&arguments.sweep_out, &charts)?;
@@ -124,10 +136,13 @@ pub(super) fn run(
     Ok(())
 }
 
-fn with_ending(stem: &Path, ending: &str) -> PathBuf {
-    let mut name = stem.as_os_str().to_owned();
-    name.push(ending);
-    PathBuf::from(name)
+/// What a sweep to `stem` writes.
+pub(super) fn files(stem: &Path) -> [PathBuf; 3] {
+    [".csv", ".svg", ".png"].map(|ending| {
+        let mut name = stem.as_os_str().to_owned();
+        name.push(ending);
+        PathBuf::from(name)
+    })
 }
 
 fn print(sweep: &Sweep, steps: &[Figures], source: &SceneSource, arguments: &AccuracyArguments) {
