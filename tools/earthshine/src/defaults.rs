@@ -1,7 +1,7 @@
 //! What a bake is made of where nothing was said: voxel edge, detail, its rays and points, by the size of the world.
 //!
 //! Rooms and buildings get about as many patches as a server keeps well, and as much detail on top as it holds decoded.
-//! Cities are streamed: a server holds what is near, so that their detail is bound by the rays of a bake alone. Worlds of
+//! Cities have more patches, and are streamed: a server holds what is near, so that their detail is bound by the rays of a bake alone. Worlds of
 //! kilometres get none, since bytes and seconds grow with it. `tools/bake/ACCURACY.md` has the measurements behind the
 //! numbers here. Start at [`Wish::granted`].
 
@@ -20,6 +20,10 @@ use std::ops::RangeInclusive;
 const PATCHES_AIM: f64 = 13_000.0;
 /// Edges that are chosen, m.
 const EDGES_M: RangeInclusive<f32> = 0.016..=4.0;
+/// Those of a city that nothing emits in: where the largest of these edges makes more than a building's. It is streamed, and what is
+/// narrow in it, between hedges and houses, wants finer voxels than what is as large as a hall. Half of what there are rays for.
+const CITY_PATCHES_AIM: f64 = 75_000.0;
+const EDGES_OF_CITIES_M: RangeInclusive<f32> = 1.0..=4.0;
 /// Most patches of a world whose voxel edge is chosen: at 1,024 rays each some two minutes of two cores. Landscapes of tens of
 /// kilometres have larger voxels for it, up to these, m: at 4 m, 950 km2 would be 60 million patches.
 const PATCHES_MAX: f64 = 400_000.0;
@@ -148,16 +152,16 @@ impl Wish {
     /// `base` with all that was asked for, and what suits `source` for the rest.
     pub(crate) fn granted(self, source: &SceneSource, base: BakeParameters) -> Chosen {
         let counter = PatchCounter::new(&source.scene, &base).within(self.memory);
+        let emits = source.scene.emits();
+        // Clusters and sums over points are for offline comparisons of patches.
+        let is_counted = self.detail.is_none() && is_streamed(&base.method);
         let mut found = None;
         let voxel_edge_m = self.voxel_edge_m.or(source.kind.map(generated_edge_m)).unwrap_or_else(|| {
-            let guess = chosen_edge(&counter);
+            let guess = chosen_edge(&counter, is_counted && !emits);
             found = guess.patches;
             guess.voxel_edge_m
         });
         let grid = Grid { voxel_edge_m, ..base.grid };
-        let emits = source.scene.emits();
-        // Clusters and sums over points are for offline comparisons of patches.
-        let is_counted = self.detail.is_none() && is_streamed(&base.method);
         let count = || is_counted.then(|| counted(&counter, voxel_edge_m)).flatten();
         let guess = found.or_else(count);
         let fitting = if is_counted { guess.and_then(|guess| fitting(&guess, emits)) } else { None };
@@ -224,15 +228,23 @@ fn choosable<S: Serializer>(parameters: &BakeParameters, serializer: S) -> Resul
     map.end()
 }
 
-/// The edge that makes a building's patches, or as many as a bake may have where the largest of these edges makes more.
-fn chosen_edge(counter: &PatchCounter<'_>) -> EdgeGuess {
+/// The edge that makes a building's patches; where the largest of these edges makes more a city's, if it `streams_detail`, and as many
+/// as a bake may have where it makes more than those.
+fn chosen_edge(counter: &PatchCounter<'_>, streams_detail: bool) -> EdgeGuess {
     let guess = counter.edge_for(PATCHES_AIM, &EDGES_M);
-    let is_landscape = guess.patches.is_none_or(|patches| patches.count > PATCHES_MAX);
     // An edge below the largest was found to make few enough.
-    if is_landscape && guess.voxel_edge_m >= *EDGES_M.end() {
-        return counter.edge_for(PATCHES_MAX, &EDGES_OF_LANDSCAPES_M);
+    if guess.voxel_edge_m < *EDGES_M.end() {
+        return guess;
     }
-    guess
+    match guess.patches.map(|patches| patches.count) {
+        Some(count) if count <= PATCHES_MAX => {
+            let is_finer = streams_detail && count > PATCHES_AIM && count < CITY_PATCHES_AIM;
+            let finer = is_finer.then(|| counter.edge_for(CITY_PATCHES_AIM, &EDGES_OF_CITIES_M));
+            // Where there is no memory to count so many a bake has none for them either.
+            finer.filter(|finer| finer.patches.is_some()).unwrap_or(guess)
+        }
+        _ => counter.edge_for(PATCHES_MAX, &EDGES_OF_LANDSCAPES_M),
+    }
 }
 
 /// About how many patches an edge makes, if not too many for any detail.
@@ -349,26 +361,44 @@ mod tests {
         assert_eq!(flames(47_000.0), Some((2, 1152, 176)), "too many rays at 4");
     }
 
+    /// The edge that is chosen for a floor of so many metres square, and about how many patches it makes.
+    fn chosen_for_floor(width_m: f32, streams_detail: bool) -> (f64, Option<f64>) {
+        let [a, b, c, d] =
+            [Vec3::ZERO, Vec3::Z * width_m, Vec3::new(width_m, 0.0, width_m), Vec3::X * width_m];
+        let scene = Scene {
+            triangles: vec![[a, b, c], [a, c, d]],
+            texture_coordinates: vec![[[0.0; 2]; 3]; 2],
+            material_of: vec![0; 2],
+            materials: vec![Material::grey("ground", 0.5)],
+            ..Scene::default()
+        };
+        let one_sided = BakeParameters { two_sided: false, ..BakeParameters::default() };
+        let guess = chosen_edge(&PatchCounter::new(&scene, &one_sided), streams_detail);
+        (f64::from(guess.voxel_edge_m), guess.patches.map(|patches| patches.count))
+    }
+
     #[test]
     fn landscapes_have_larger_voxels_than_cities() {
-        let edge_of = |width_m: f32| {
-            let [a, b, c, d] =
-                [Vec3::ZERO, Vec3::Z * width_m, Vec3::new(width_m, 0.0, width_m), Vec3::X * width_m];
-            let scene = Scene {
-                triangles: vec![[a, b, c], [a, c, d]],
-                texture_coordinates: vec![[[0.0; 2]; 3]; 2],
-                material_of: vec![0; 2],
-                materials: vec![Material::grey("ground", 0.5)],
-                ..Scene::default()
-            };
-            let one_sided = BakeParameters { two_sided: false, ..BakeParameters::default() };
-            chosen_edge(&PatchCounter::new(&scene, &one_sided)).voxel_edge_m
-        };
+        let edge_of = |width_m: f32| chosen_for_floor(width_m, true).0;
         assert!((edge_of(100.0) - 0.877).abs() < 0.05, "{}", edge_of(100.0));
         assert_eq!(edge_of(1_500.0), 4.0);
         // As many as a bake may have: 20 km with voxels of 4 m would be 25 million.
-        let edge = f64::from(edge_of(20_000.0));
+        let edge = edge_of(20_000.0);
         assert!(((20_000.0 / edge).powi(2) / PATCHES_MAX - 1.0).abs() < 0.1, "{edge}");
+    }
+
+    /// Goal: what is a little too large for a building is no coarser than a city. Method: floors that voxels of 4 m make fewer
+    /// patches of than a building has, more, and more than a city; and one in a world without streamed detail.
+    #[test]
+    fn small_cities_have_a_citys_patches() {
+        let (building, _) = chosen_for_floor(440.0, true);
+        assert!((3.8..4.0).contains(&building), "{building}");
+        let (edge, patches) = chosen_for_floor(520.0, true);
+        let patches = patches.expect("counted");
+        assert!((1.8..2.0).contains(&edge) && (patches / CITY_PATCHES_AIM - 1.0).abs() < 0.05, "{edge}");
+        assert!(patches as u64 > HELD_PATCHES_MAX, "no server holds it whole");
+        assert_eq!(chosen_for_floor(1_200.0, true).0, 4.0);
+        assert_eq!(chosen_for_floor(520.0, false).0, 4.0);
     }
 
     #[test]
