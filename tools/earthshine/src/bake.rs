@@ -29,7 +29,7 @@ use std::path::PathBuf;
 An interrupted bake goes on where it stopped: run the same command again. After an edit the same command traces
 only what can have changed; the world is the same, byte for byte, as if it were baked afresh.")]
 pub(crate) struct BakeArguments {
-    /// A .glb or .gltf file, or the name of a generated scene (cornell, furnace, two-rooms, corridor, town).
+    /// A .glb or .gltf file, or the name of a generated scene (cornell, furnace, two-rooms, study, corridor, town).
     scene: String,
     /// Folder to make.
     world: PathBuf,

@@ -320,6 +320,7 @@ fn generated_edge_m(kind: WorldKind) -> f32 {
         WorldKind::Cornell => 0.14,
         WorldKind::Furnace => 0.25,
         WorldKind::TwoRooms => 0.5,
+        WorldKind::Study => 0.2,
         WorldKind::Corridor => 1.0,
         WorldKind::Town => 2.0,
     }

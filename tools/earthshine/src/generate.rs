@@ -14,7 +14,7 @@ use std::path::PathBuf;
   earthshine gen town town.glb --km 4 --triangles 10M
   earthshine gen furnace box.glb --reflectance 0.8")]
 pub(crate) struct GenArguments {
-    /// cornell, furnace, two-rooms, corridor or town.
+    /// cornell, furnace, two-rooms, study, corridor or town.
     kind: WorldKind,
     /// File to write.
     output: PathBuf,

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 pub enum GenError {
     /// Not the name of a world.
-    #[error("unknown world {given:?}: choose one of cornell, furnace, two-rooms, corridor, town")]
+    #[error("unknown world {given:?}: choose one of cornell, furnace, two-rooms, study, corridor, town")]
     UnknownKind {
         /// What was asked for.
         given: String,

@@ -13,7 +13,7 @@
 //! | `masonry` | walls, rooms and openings as one watertight rectilinear solid |
 //! | `solids` | cones, blobs and gables: what masonry cannot be |
 //! | `glb`, `document` | meshes, instances and lamps as a binary glTF 2.0 file |
-//! | `cornell`, `furnace`, `rooms`, `corridor` | closed worlds |
+//! | `cornell`, `furnace`, `rooms`, `study`, `corridor` | closed worlds |
 //! | [`town`] | streets, houses, squares, cell by cell |
 //! | [`fixtures`] | ready worlds for the tests of other packages |
 
@@ -31,6 +31,7 @@ pub mod mesh;
 pub mod options;
 mod rooms;
 mod solids;
+mod study;
 pub mod town;
 
 pub use error::GenError;
@@ -51,6 +52,7 @@ pub fn generate(kind: WorldKind, options: &GenOptions, progress: &dyn Fn(u64, u6
         WorldKind::Furnace => furnace::generate(options),
         WorldKind::TwoRooms => rooms::generate(options),
         WorldKind::Corridor => corridor::generate(options),
+        WorldKind::Study => study::generate(options),
         WorldKind::Cornell | WorldKind::Town => cornell::generate(options),
     }?;
     progress(1, 1);

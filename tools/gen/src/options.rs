@@ -13,6 +13,9 @@ pub enum WorldKind {
     Furnace,
     /// Two closed rooms joined by a doorway, a lamp in one. The seed chooses paints and furniture.
     TwoRooms,
+    /// One closed room of legs, boards, books and a kerb under a large lamp: contacts finer than any voxel. The seed chooses
+    /// paints and books.
+    Study,
     /// A long closed corridor with doglegs, pillars, lamps and changing paint: many chunks.
     Corridor,
     /// Streets, houses with rooms and windows, squares, trees, street lamps and a sun.
@@ -21,7 +24,8 @@ pub enum WorldKind {
 
 impl WorldKind {
     /// All of them.
-    pub const ALL: [Self; 5] = [Self::Cornell, Self::Furnace, Self::TwoRooms, Self::Corridor, Self::Town];
+    pub const ALL: [Self; 6] =
+        [Self::Cornell, Self::Furnace, Self::TwoRooms, Self::Study, Self::Corridor, Self::Town];
 
     /// As on the command line.
     #[must_use]
@@ -30,6 +34,7 @@ impl WorldKind {
             Self::Cornell => "cornell",
             Self::Furnace => "furnace",
             Self::TwoRooms => "two-rooms",
+            Self::Study => "study",
             Self::Corridor => "corridor",
             Self::Town => "town",
         }
@@ -127,7 +132,7 @@ impl GenOptions {
             if inside { Ok(()) } else { Err(GenError::OutOfRange { name, value, least, most }) }
         };
         match kind {
-            WorldKind::Cornell | WorldKind::TwoRooms => Ok(()),
+            WorldKind::Cornell | WorldKind::TwoRooms | WorldKind::Study => Ok(()),
             WorldKind::Furnace => {
                 check("furnace_reflectance", self.furnace_reflectance.into(), 0.0, 0.98)?;
                 check("furnace_radiance", self.furnace_radiance.into(), 0.0, 1e9)

@@ -73,7 +73,7 @@ mod tests {
 
     #[test]
     fn boxes_and_rooms_are_seen_from_where_there_is_light() {
-        for scene in ["cornell", "furnace", "two-rooms"] {
+        for scene in ["cornell", "furnace", "two-rooms", "study"] {
             assert!(lit_share(scene) > 0.5, "{scene}: {}", lit_share(scene));
         }
     }
