@@ -243,6 +243,15 @@ impl EngineThread {
     }
 }
 
+/// Openings that wait, without those of sessions that are over: who came and left between two ticks is never opened. The
+/// engine would count it beside whoever has its place by now, and with all places taken ignore the one that is still there.
+fn lasting(openings: &mut mpsc::Receiver<Opening>) -> Vec<Opening> {
+    let mut all: Vec<Opening> = std::iter::from_fn(|| openings.try_recv().ok()).collect();
+    // Once all are taken: a place is free only after its session is over.
+    all.retain(|opening| !opening.frames.is_closed());
+    all
+}
+
 /// What a panic said, as far as it can be told.
 fn said(panic: &(dyn std::any::Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
@@ -321,7 +330,7 @@ impl Running {
     fn collect_sessions(&mut self) {
         // Openings are taken before endings are looked for: whoever took the place of a session that
         // ended must reach the engine after that ending.
-        let openings: Vec<Opening> = std::iter::from_fn(|| self.shell.openings.try_recv().ok()).collect();
+        let openings = lasting(&mut self.shell.openings);
         let events = &mut self.events;
         self.clients.retain(|&session, client| {
             let open = !client.frames.is_closed();
@@ -459,6 +468,22 @@ mod tests {
         assert_eq!(handle.ended.await.unwrap(), Some("no such device".to_owned()));
         assert!(received.changed().await.is_err(), "sessions learn of it");
         handle.thread.join().unwrap();
+    }
+
+    /// Goal: of two sessions that had one place, one after the other within a tick, the engine opens the one that is there.
+    #[test]
+    fn a_session_that_came_and_left_within_a_tick_is_never_opened() {
+        let (open, mut openings) = mpsc::channel(2);
+        let opening = |number| {
+            let (frames, receiver) = watch::channel(None);
+            (Opening { session: SessionId(number), mailbox: Arc::default(), frames }, receiver)
+        };
+        let [(first, gone), (second, _here)] = [1, 2].map(opening);
+        open.try_send(first).unwrap();
+        drop(gone);
+        open.try_send(second).unwrap();
+        let opened: Vec<SessionId> = lasting(&mut openings).iter().map(|opening| opening.session).collect();
+        assert_eq!(opened, [SessionId(2)]);
     }
 
     #[test]
