@@ -201,6 +201,28 @@ mod tests {
     }
 
     #[test]
+    fn light_is_settled_when_level_0_says_so_until_any_volume_takes_it_back() {
+        let (front, reader) = watch::channel(Arc::new(Light::default()));
+        let mut assembly = Assembly::new(UVec3::splat(8));
+        let detail = earthshine_protocol::DETAIL_VOLUME;
+        assembly.place(&volume(0)).unwrap();
+        assembly.place(&v1::Volume { volume: detail, voxel_edge_m: 0.5, ..volume(0) }).unwrap();
+        let steps = [
+            (1, 1, true, true),
+            (detail, 1, true, true),
+            (detail, 2, false, false),
+            (detail, 3, true, false),
+            (1, 2, true, true),
+        ];
+        for (volume, to, says, is_settled) in steps {
+            let frame = Some(v1::FrameQuality { settled: says, ..v1::FrameQuality::default() });
+            assembly.apply(v1::Delta { volume, frame, ..delta(to - 1, to, 0, 1.0, true) }).unwrap();
+            assembly.publish(&front);
+            assert_eq!(reader.borrow().frame().settled, is_settled, "{volume} to {to}");
+        }
+    }
+
+    #[test]
     fn gaps_and_strangers_are_refused() {
         let mut assembly = Assembly::new(UVec3::splat(8));
         assert!(assembly.apply(delta(0, 1, 0, 1.0, true)).is_err(), "no volume yet");

@@ -131,8 +131,9 @@ impl Light {
             volume.clear();
         }
         decode::apply_delta(delta, volume);
-        // Level 0 speaks for the whole; its detail comes last.
+        // Level 0 speaks for the whole; its detail comes last. Others say that there is more to come.
         if volume.layout().level > 0 || detail_layer(delta.volume).is_some() {
+            self.frame.settled &= delta.frame.is_none_or(|frame| frame.settled);
             return;
         }
         self.camera_sequence = delta.camera_sequence;

@@ -35,13 +35,6 @@ pub(crate) struct Published {
     pub(crate) camera: Answered,
 }
 
-impl Published {
-    /// Whether both are the same frame for the same camera.
-    pub(crate) fn is_same(&self, other: &Self) -> bool {
-        Arc::ptr_eq(&self.frame, &other.frame) && self.camera == other.camera
-    }
-}
-
 /// A session's newest frame; `None` before the first.
 pub(crate) type FrameSlot = Option<Published>;
 

@@ -238,9 +238,14 @@ impl DeltaStore {
         self.layout.level == 0 && self.detail_layer.is_none()
     }
 
-    /// What is said of the newest generation.
-    pub(crate) fn caption(&self) -> Caption {
-        self.caption
+    /// Whether the client believes that light is settled.
+    pub(crate) fn is_called_settled(&self) -> bool {
+        self.caption.quality.settled
+    }
+
+    /// Another volume has told the client that light is not settled: this one says so again once it is.
+    pub(crate) fn unsettle(&mut self) {
+        self.caption.quality.settled = false;
     }
 
     /// Where the volume is.

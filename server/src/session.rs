@@ -285,17 +285,19 @@ impl Conversation<'_> {
         None
     }
 
-    /// Says once a session that lights are brighter than anything likely: a client may send them many times a second.
+    /// Says once a session that lights are brighter than anything likely: a client may send them many times a second. One that
+    /// has no room for it is told with its next lights.
     fn remark_on(&mut self, lights: &LightRig, outbound: &Outbound) {
         if self.has_remarked {
             return;
         }
         let Some(remark) = lights.remark() else { return };
-        self.has_remarked = true;
-        tracing::warn!(session = self.session.0, remark, "lights are probably not meant");
         let cause = format!("{remark}: is less meant? It is served as it is, and not remarked on again");
-        // A client that cannot take its errors does without.
-        drop(outbound.try_send(Ok(reply::error(&Refusal::new(ErrorCode::Unlikely, cause), false))));
+        let said = outbound.try_send(Ok(reply::error(&Refusal::new(ErrorCode::Unlikely, cause), false)));
+        if said.is_ok() {
+            self.has_remarked = true;
+            tracing::warn!(session = self.session.0, remark, "lights are probably not meant");
+        }
     }
 
     fn ignore(&mut self) {

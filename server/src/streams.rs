@@ -5,25 +5,29 @@
 use crate::convert::VolumesWanted;
 use crate::engine_thread::Published;
 use crate::flow::Flow;
-use crate::publish::{Changes, DeltaStore};
+use crate::publish::{Answered, Changes, DeltaStore};
+use earthshine_engine::Frame;
 use earthshine_world::{Grid, WorldIndex};
 use glam::UVec3;
+use std::sync::{Arc, Weak};
 
 /// One volume on its way to one client.
 #[derive(Debug)]
 struct Stream {
     store: DeltaStore,
     flow: Flow,
-    /// Whether there is something the client has not been sent.
-    is_news: bool,
+    /// Since which news there may be something that the client has not been sent; none if there is not.
+    waits_since: Option<u64>,
 }
 
 /// All volumes of a session, finest first.
 #[derive(Debug)]
 pub(crate) struct Streams {
     streams: Vec<Stream>,
-    /// What was taken in last.
-    newest: Option<Published>,
+    /// Counts news.
+    news: u64,
+    /// What was taken in last. A frame that is gone keeps its place in memory, but not its lists.
+    newest: Option<(Weak<Frame>, Answered)>,
 }
 
 /// What a session's volumes may be.
@@ -50,27 +54,29 @@ impl Streams {
             let dims = wanted.dims_of(level, limits.dims_max)?;
             let grid: Grid = index.grid.at_level(level);
             let store = DeltaStore::new(level, dims, grid.voxel_edge_m, limits.snap_voxels);
-            Some(Stream { store, flow: Flow::new(limits.in_flight_max), is_news: false })
+            Some(Stream { store, flow: Flow::new(limits.in_flight_max), waits_since: None })
         };
         let detail = |layer: u8| {
             let dims = wanted.dims_of(0, limits.dims_max).filter(|_| index.detail > 1)?;
             let detail_edge_m = index.grid.voxel_edge_m / index.detail as f32;
             let store = DeltaStore::of_detail(layer, dims, detail_edge_m, limits.snap_voxels);
-            Some(Stream { store, flow: Flow::new(limits.in_flight_max), is_news: false })
+            Some(Stream { store, flow: Flow::new(limits.in_flight_max), waits_since: None })
         };
         // The last goes first: what is read alone until others come is to be the layer of the most surface.
         let details = (0..detail_layers).rev().filter_map(detail);
-        Self { streams: details.chain((0..levels).filter_map(stream)).collect(), newest: None }
+        Self { streams: details.chain((0..levels).filter_map(stream)).collect(), news: 0, newest: None }
     }
 
     /// A frame came.
     pub(crate) fn mark_news(&mut self) {
-        self.streams.iter_mut().for_each(|stream| stream.is_news = true);
+        self.news += 1;
+        let news = self.news;
+        self.streams.iter_mut().for_each(|stream| stream.wait(news));
     }
 
     /// Whether every volume waits to be sent: then there is no need to hear of another frame.
     pub(crate) fn are_all_news(&self) -> bool {
-        self.streams.iter().all(|stream| stream.is_news)
+        self.streams.iter().all(|stream| stream.waits_since.is_some())
     }
 
     /// Memory of what the client was told, bytes.
@@ -92,24 +98,28 @@ impl Streams {
         }
         stream.store.forget_emptied(stream.flow.held());
         // It holds less than it was sent: it lost something, which no new frame is needed to tell.
-        stream.is_news |= stream.flow.is_empty() && stream.flow.held() < stream.store.generation();
+        if stream.flow.is_empty() && stream.flow.held() < stream.store.generation() {
+            stream.wait(self.news);
+        }
         true
     }
 
-    /// Takes `published` into the coarsest volume that may be sent: where it is, if it moved, and what changed. The
-    /// coarsest goes first, so that there is something to show. Volumes that were sent the frame before wait again: nobody
-    /// may tell them of one that came in between, and it may be the last. Light is called settled with or after the last of it.
+    /// Takes `published` into the volume that waits for longest and may be sent: where it is, if it moved, and what changed. Of those
+    /// that wait alike the coarsest goes first, so that there is something to show. Volumes that were sent the frame before wait again:
+    /// nobody may tell them of one that came in between, and it may be the last. Light is called settled with or after the
+    /// last of it.
     pub(crate) fn next(&mut self, published: &Published) -> Option<(Option<&DeltaStore>, Option<Changes>)> {
-        if !self.newest.as_ref().is_some_and(|newest| newest.is_same(published)) {
-            self.newest = Some(published.clone());
+        let Published { frame, camera } = published;
+        if !self.is_newest(published) {
+            self.newest = Some((Arc::downgrade(frame), *camera));
             self.mark_news();
         }
-        let Published { frame, camera } = published;
-        let at = self.streams.iter().rposition(Stream::may_send)?;
+        let ready = self.streams.iter().enumerate().rev().filter(|(_, stream)| stream.may_send());
+        let (at, _) = ready.min_by_key(|(_, stream)| stream.waits_since)?;
         let mut others = self.streams.iter().enumerate().filter(|&(other, _)| other != at);
         let is_rest_told = !others.any(|(_, other)| other.lacks(published));
         let stream = &mut self.streams[at];
-        stream.is_news = false;
+        stream.waits_since = None;
         let moved = stream.store.absorb(frame, *camera, is_rest_told);
         // A frame whose changes are too small for the wire makes no new generation: what is on its way is enough.
         let is_new = stream.store.generation() > stream.flow.newest();
@@ -117,17 +127,33 @@ impl Streams {
         if let Some(changes) = &changes {
             stream.flow.sent(changes.to);
         }
-        let speaker = self.streams.iter_mut().find(|stream| stream.store.speaks_for_all());
-        if let Some(speaker) = speaker.filter(|_| is_rest_told && frame.quality.settled) {
-            speaker.is_news |= !speaker.store.caption().quality.settled;
+        let is_unsettled = changes.as_ref().is_some_and(|changes| !changes.caption.quality.settled);
+        if let Some(speaker) = self.streams.iter_mut().find(|stream| stream.store.speaks_for_all()) {
+            if is_unsettled {
+                speaker.store.unsettle();
+            }
+            if is_rest_told && frame.quality.settled && !speaker.store.is_called_settled() {
+                speaker.wait(self.news);
+            }
         }
         Some((moved.then_some(&self.streams[at].store), changes))
+    }
+
+    fn is_newest(&self, published: &Published) -> bool {
+        self.newest.as_ref().is_some_and(|(frame, camera)| {
+            frame.as_ptr() == Arc::as_ptr(&published.frame) && *camera == published.camera
+        })
     }
 }
 
 impl Stream {
     fn may_send(&self) -> bool {
-        self.is_news && self.flow.has_room()
+        self.waits_since.is_some() && self.flow.has_room()
+    }
+
+    /// There is something to send, as of `news`, if not for longer.
+    fn wait(&mut self, news: u64) {
+        self.waits_since.get_or_insert(news);
     }
 
     /// Whether the client has yet to be sent some of `published`.
@@ -140,12 +166,10 @@ impl Stream {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::publish::Answered;
-    use earthshine_engine::{Frame, FrameQuality, LevelLight, PatchLight, SessionId};
+    use earthshine_engine::{FrameQuality, LevelLight, PatchLight, SessionId};
     use earthshine_world::{
         Barrier, Bounds, ChunkCoord, ChunkId, ChunkSummary, Direction, LightRig, Rgb, Vec3, VoxelCoord,
     };
-    use std::sync::Arc;
 
     fn index(levels: u8) -> WorldIndex {
         let chunk = |level| ChunkSummary {
@@ -258,6 +282,42 @@ mod tests {
         assert_eq!(all_sent(&mut streams, &published(2.0)), [true; 2]);
         let light_of = |stream: &Stream| stream.store.delta_since(0).unwrap().voxels;
         assert_eq!(light_of(&streams.streams[0]), light_of(&streams.streams[1]));
+    }
+
+    /// Goal: settled light that changes on one level alone is called settled again. Method: another coarse level, and for level 0 another
+    /// list of the same light.
+    #[test]
+    fn what_a_coarse_volume_unsettles_level_0_settles_again() {
+        let mut streams = streams(&VolumesWanted::These(vec![(0, None), (1, None)]));
+        let settled = |light| of_quality(light, FrameQuality { settled: true, ..FrameQuality::default() });
+        let mut told = |published: &Published| -> Vec<(u32, bool)> {
+            let sent: Vec<_> = std::iter::from_fn(|| Some(streams.next(published)?.1)).flatten().collect();
+            sent.iter().for_each(|changes| assert!(streams.acknowledge(changes.volume, changes.to)));
+            sent.iter().map(|changes| (changes.volume, changes.caption.quality.settled)).collect()
+        };
+        assert_eq!(told(&settled(1.0)), [(1, false), (0, true)]);
+        let [fine, coarse] = [1.0, 2.0].map(settled);
+        let mut frame = Frame::clone(&fine.frame);
+        frame.coarse.clone_from(&coarse.frame.coarse);
+        assert_eq!(told(&Published { frame: Arc::new(frame), ..fine }), [(1, false), (0, true)]);
+    }
+
+    /// Goal: light that never rests leaves no volume waiting. Method: another frame before every message, and acks at once.
+    #[test]
+    fn under_frames_without_end_every_volume_has_its_turn() {
+        let mut streams = streams(&VolumesWanted::Any);
+        let mut sent = [0; 3];
+        for step in 0..12 {
+            streams.next(&published(step as f32));
+            for (level, stream) in streams.streams.iter_mut().enumerate() {
+                let newest = stream.flow.newest();
+                if newest > stream.flow.held() {
+                    sent[level] += 1;
+                    stream.flow.acknowledge(newest).unwrap();
+                }
+            }
+        }
+        assert_eq!(sent, [4; 3]);
     }
 
     /// Goal: who reads light that is called settled reads all of it. Method: a volume that is sent after level 0, or has no

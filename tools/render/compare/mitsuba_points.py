@@ -28,6 +28,7 @@ except ImportError as missing:
 mi.set_variant("scalar_rgb")
 
 COMPONENTS = {5121: "u1", 5123: "u2", 5125: "u4", 5126: "f4"}
+ATTRIBUTES = {"POSITION", "NORMAL", "TANGENT", "TEXCOORD_0"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 # Pixels of a meter's film: their means tell the noise.
 FILM = 16
@@ -49,6 +50,9 @@ class Glb:
         length = struct.unpack("<I", data[12:16])[0]
         self.json = json.loads(data[20 : 20 + length])
         self.bytes = data[28 + length :]
+        unknown = set(self.json.get("extensionsUsed", [])) - {"KHR_lights_punctual"}
+        if unknown:
+            refuse(f"{path} uses {', '.join(sorted(unknown))}")
 
     def view(self, index):
         view = self.json["bufferViews"][index]
@@ -79,8 +83,10 @@ class Glb:
             matrix = above @ placed(node)
             if "mesh" in node:
                 for part in self.json["meshes"][node["mesh"]]["primitives"]:
-                    if part.get("mode", 4) != 4:
-                        refuse(f"mesh {node['mesh']} is not of triangles")
+                    if part.get("mode", 4) != 4 or "material" not in part or "targets" in part or "skin" in node:
+                        refuse(f"mesh {node['mesh']} is not of triangles with a material that stand still")
+                    if set(part["attributes"]) - ATTRIBUTES:
+                        refuse(f"mesh {node['mesh']} has more than {', '.join(sorted(ATTRIBUTES))}")
                     corners = self.numbers(part["attributes"]["POSITION"]).astype("f8")
                     order = self.numbers(part["indices"])[:, 0] if "indices" in part else np.arange(len(corners))
                     uv = part["attributes"].get("TEXCOORD_0")
@@ -130,6 +136,8 @@ def diffuse(glb, index, folder):
     name, pbr = material.get("name", index), material.get("pbrMetallicRoughness", {})
     if material.get("alphaMode", "OPAQUE") != "OPAQUE" or any(material.get("emissiveFactor", [])):
         refuse(f"material {name} has holes or emits")
+    if pbr.get("metallicFactor", 1) != 0:
+        refuse(f"material {name} is a metal")
     factor = pbr.get("baseColorFactor", [1, 1, 1, 1])[:3]
     reflectance = {"type": "rgb", "value": factor}
     if "baseColorTexture" in pbr:
@@ -186,6 +194,7 @@ def meter(at, place, normal):
 def measured(scene, points, paths):
     """Mean light and its standard error at each of `points`, lx."""
     integrator = mi.load_dict({"type": "path", "max_depth": -1, "rr_depth": 16})
+    # Mitsuba keeps sensors in an order of its own.
     places = [np.array(sensor.get_shape().bbox().center()) for sensor in scene.sensors()]
     for at, (place, _) in enumerate(points):
         nearest = int(np.argmin([np.linalg.norm(other - place) for other in places]))
@@ -207,6 +216,9 @@ def main():
     arguments = parser.parse_args()
     rows = list(csv.reader(open(arguments.points)))[1:]
     points = [(np.array(row[:3], "f8"), np.array(row[3:6], "f8")) for row in rows]
+    for at, (place, _) in enumerate(points):
+        if any(np.linalg.norm(place - before) < 10 * METER_M for before, _ in points[:at]):
+            refuse(f"point {at + 1} is where another one is: their meters would stand in each other's light")
     glb = Glb(arguments.scene)
     with tempfile.TemporaryDirectory() as folder:
         whole = {"type": "scene", **lit(arguments.lights)}
