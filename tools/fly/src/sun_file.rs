@@ -88,8 +88,8 @@ impl SunFile {
 fn read_course(table: &mut TomlTable<'_>) -> Result<SunCourse, String> {
     match table.read::<String>("type")?.as_str() {
         "straight" => Ok(SunCourse::Straight {
-            azimuth_deg: table.read("azimuth_deg")?,
-            elevation_deg: table.read("elevation_deg")?,
+            azimuth_deg: table.read_array("azimuth_deg")?,
+            elevation_deg: table.read_array("elevation_deg")?,
         }),
         "solar" => Ok(SunCourse::Solar {
             latitude_deg: table.read("latitude_deg")?,
@@ -104,7 +104,9 @@ fn read_course(table: &mut TomlTable<'_>) -> Result<SunCourse, String> {
 
 fn read_light(table: &mut TomlTable<'_>) -> Result<SunLight, String> {
     match table.read::<String>("type")?.as_str() {
-        "constant" => Ok(SunLight::Constant { illuminance: Vec3::from_array(table.read("illuminance")?) }),
+        "constant" => {
+            Ok(SunLight::Constant { illuminance: Vec3::from_array(table.read_array("illuminance")?) })
+        }
         "clear_sky" => {
             Ok(SunLight::ClearSky { ground_reflectance: table.read_or("ground_reflectance", 0.2)? })
         }
@@ -195,6 +197,15 @@ mod tests {
             &format!("{straight}[light]\ntype = \"constant\"\nilluminance = [1, -1, 1]"),
             &["line 4: light.illuminance is negative"],
         );
+        fault(
+            &format!("{straight}[light]\ntype = \"constant\"\nilluminance = [1, 2, 3, 4]"),
+            &["line 4: light.illuminance has 4 numbers, not 3"],
+        );
+        let straight_course = |azimuths: &str| {
+            format!("{light}[course]\ntype = \"straight\"\nazimuth_deg = {azimuths}\nelevation_deg = [1, 2]")
+        };
+        fault(&straight_course("[0, 90, 180]"), &["line 4: course.azimuth_deg has 3 numbers, not 2"]);
+        fault(&straight_course("[0]"), &["line 4: course.azimuth_deg has 1 numbers, not 2"]);
         fault(&format!("{straight}{light}rate_hz = 0"), &["line 3: rate_hz is 0; it must be"]);
         fault(&format!("{straight}{light}rates = 0"), &["line 3: rates means nothing here"]);
         let missing = SunFile::load(Path::new("no such day.toml")).unwrap_err().to_string();

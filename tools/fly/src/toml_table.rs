@@ -52,7 +52,17 @@ impl<'a> TomlTable<'a> {
         })
     }
 
-    /// The same, or `default` where nothing stands there.
+    /// The `N` numbers that stand at `key`: serde takes the first of a longer list.
+    ///
+    /// # Errors
+    /// They are not there, no numbers, or more or fewer.
+    pub(crate) fn read_array<const N: usize>(&mut self, key: &'static str) -> Result<[f32; N], String> {
+        let numbers: Vec<f32> = self.read(key)?;
+        let found = numbers.len();
+        numbers.try_into().map_err(|_| self.fault(key, &format!("has {found} numbers, not {N}")))
+    }
+
+    /// What [`Self::read`] reads, or `default` where nothing stands there.
     ///
     /// # Errors
     /// It is no `T`.

@@ -6,7 +6,7 @@
 
 use crate::PointEstimate;
 use earthshine_world::{Rgb, Vec3};
-use std::io::Read as _;
+use std::io::{ErrorKind, Read as _};
 use std::path::{Path, PathBuf};
 
 /// The columns, in the order they are written.
@@ -159,16 +159,28 @@ fn text_of(path: &Path) -> Result<String, CsvError> {
     if bytes > FILE_BYTES_MAX { Err(CsvError::TooLarge { path: path.into(), bytes }) } else { Ok(text) }
 }
 
-/// Writes reference points; the file appears whole or not at all.
+/// Writes reference points; the file appears whole or not at all. Pipes and devices, and files whose folder takes no new
+/// one, are written to as they are.
 ///
 /// # Errors
 /// The file cannot be written.
 pub fn write(path: &Path, points: &[ReferencePoint]) -> Result<(), CsvError> {
-    let mut unfinished = path.as_os_str().to_owned();
-    unfinished.push(".part");
-    std::fs::write(&unfinished, to_text(points))
-        .and_then(|()| std::fs::rename(&unfinished, path))
-        .map_err(|source| CsvError::Write { path: path.into(), source })
+    let text = to_text(points);
+    // A file that took the place of a device would be the end of the device.
+    let found = std::fs::metadata(path);
+    let written = if found.as_ref().is_ok_and(|found| !found.is_file()) {
+        std::fs::write(path, text)
+    } else {
+        let mut unfinished = path.as_os_str().to_owned();
+        unfinished.push(".part");
+        match std::fs::write(&unfinished, &text) {
+            Err(error) if error.kind() == ErrorKind::PermissionDenied && found.is_ok() => {
+                std::fs::write(path, text)
+            }
+            unfinished_written => unfinished_written.and_then(|()| std::fs::rename(&unfinished, path)),
+        }
+    };
+    written.map_err(|source| CsvError::Write { path: path.into(), source })
 }
 
 /// The file's contents for `points`; numbers read back to the same bits.
@@ -293,6 +305,37 @@ mod tests {
         write(&path, &points).unwrap();
         assert_eq!(read(&path).unwrap(), points);
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing unfinished is left");
+    }
+
+    /// Goal: a device is written to, not replaced by a file. Method: a link to one; a file would take the link's place, or that
+    /// of the device.
+    #[cfg(unix)]
+    #[test]
+    fn devices_stay_devices() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("null.csv");
+        std::os::unix::fs::symlink("/dev/null", &path).unwrap();
+        write(&path, &[]).unwrap();
+        assert!(std::fs::symlink_metadata(&path).unwrap().is_symlink());
+        assert_eq!(std::fs::read(&path).unwrap(), b"");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing unfinished is left");
+    }
+
+    /// Goal: a file that may be written is, where its folder takes no new one. Root may write everywhere: for it, this is
+    /// the way of all other files.
+    #[cfg(unix)]
+    #[test]
+    fn files_of_folders_that_take_no_new_ones_are_written() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("points.csv");
+        std::fs::write(&path, "old").unwrap();
+        let allow = |mode| std::fs::set_permissions(folder.path(), PermissionsExt::from_mode(mode)).unwrap();
+        allow(0o555);
+        let written = write(&path, &[]);
+        allow(0o755);
+        written.unwrap();
+        assert_eq!(read(&path).unwrap(), []);
     }
 
     #[test]
