@@ -17,6 +17,7 @@ use earthshine_fly::{
 };
 use earthshine_render::picture::{LightSource, PictureOptions, render};
 use earthshine_render::{SceneTracer, image_file};
+use earthshine_world::light::STRENGTH_WARNING;
 use earthshine_world::{LightRig, Vec3};
 use std::path::{Path as FilePath, PathBuf};
 use std::time::Duration;
@@ -148,6 +149,9 @@ pub(crate) fn sun_path() -> SunPath {
         rate_hz: 2.0,
     }
 }
+
+// One bound for suns and for other lights; the flight knows clients alone, so that it cannot look into the server.
+const _: () = assert!(SunLight::ILLUMINANCE_WARNING_LX.to_bits() == STRENGTH_WARNING.to_bits());
 
 /// Reads a sun path, and says on standard error what is probably not meant.
 pub(crate) fn load_sun(file: &FilePath) -> Result<SunPath, SunPathError> {

@@ -54,7 +54,7 @@ pub(crate) fn ensure_same(
         Kinship::OtherScene => other_scene(source, manifest),
         Kinship::OtherMetals => {
             let metals = if manifest.parameters.metals_black { "black" } else { "diffuse" };
-            format!("baked with --metals {metals}: say so here as well")
+            format!("baked with --metals {metals}: ask for the same here, if it is of this scene")
         }
         Kinship::OtherVersion => format!("baked from {baked} by another version: bake it again"),
     };
@@ -137,6 +137,11 @@ mod tests {
         assert!(related(&rooms, &older).is_err(), "it fills another box");
         let black = BakeParameters { metals_black: true, ..manifest.parameters };
         let black = Manifest { parameters: black, content_hash: 2, ..manifest };
-        assert!(same(&cornell, &black).unwrap_err().to_string().contains("--metals black: say so here"));
+        assert!(
+            same(&cornell, &black)
+                .unwrap_err()
+                .to_string()
+                .contains("--metals black: ask for the same here, if it is of this scene")
+        );
     }
 }

@@ -1,13 +1,14 @@
 //! Whether results can be written, asked before minutes are spent on them.
 
 use anyhow::Context as _;
+use std::fs::OpenOptions;
 use std::io::{Error, ErrorKind};
 use std::path::{Path, PathBuf};
 
-/// Whether a file can be written at `path`. Writes nothing.
+/// Whether a file can be written at `path`: one that is there, itself, or a new one in its folder. Writes nothing.
 ///
 /// # Errors
-/// The system's cause, naming `path`: its folder is missing or read-only, or `path` is a folder.
+/// The system's cause, naming `path`: it or its folder is read-only, its folder is missing, or `path` is a folder.
 pub(crate) fn ensure_file(path: &Path) -> anyhow::Result<()> {
     let about = || path.display().to_string();
     match std::fs::metadata(path) {
@@ -16,7 +17,8 @@ pub(crate) fn ensure_file(path: &Path) -> anyhow::Result<()> {
         }
         // Pipes and devices are there already; asking one could wait for its other end.
         Ok(found) if !found.is_file() => return Ok(()),
-        _ => (),
+        Ok(_) => return OpenOptions::new().append(true).open(path).map(drop).with_context(about),
+        Err(_) => (),
     }
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     tempfile::tempfile_in(folder).map(drop).with_context(about)
@@ -69,5 +71,17 @@ mod tests {
         }
         assert_eq!(std::fs::read(at("file")).unwrap(), b"kept");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    /// Goal: of files that are there, it is they that are asked, not their folders. Method: files of the system's that hold for
+    /// root too: one that may be written, of a folder that takes no new ones, and one that may not.
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn files_that_are_there_are_asked_themselves() {
+        ensure_file(Path::new("/proc/self/comm")).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let read_only = folder.path().join("read-only");
+        std::os::unix::fs::symlink("/proc/sys/kernel/osrelease", &read_only).unwrap();
+        ensure_file(&read_only).unwrap_err();
     }
 }

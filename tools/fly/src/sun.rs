@@ -93,8 +93,8 @@ pub enum SunLight {
 }
 
 impl SunLight {
-    /// Brighter suns are probably meant otherwise, lx; as in lights files.
-    const ILLUMINANCE_WARNING_LX: f32 = 1e9;
+    /// Brighter suns are probably meant otherwise, lx; as in lights files, which `earthshine fly` holds it to.
+    pub const ILLUMINANCE_WARNING_LX: f32 = 1e9;
 
     fn validate(&self) -> Result<(), SunFault> {
         match *self {

@@ -100,17 +100,18 @@ impl AccuracyArguments {
         self.noise.unwrap_or(0.01)
     }
 
-    /// What the world is, or will be, baked with: one of this scene, of parameters that can be.
-    fn parameters(&self, source: &SceneSource) -> anyhow::Result<BakeParameters> {
+    /// What is, or will be, baked: worlds of this scene, of parameters that can be.
+    fn baking(&self, source: &SceneSource) -> anyhow::Result<Baking<'_>> {
         if let Some(folder) = &self.world {
             let manifest = Manifest::load(folder)?;
             same_scene::ensure_same(source, self.quality.metals_black(), folder, &manifest)?;
-            return Ok(manifest.parameters);
+            return Ok(Baking::One(manifest.parameters));
         }
-        if let Some(sweep) = &self.sweep {
-            sweep.check(&self.quality, source)?;
-        }
-        Ok(self.quality.checked(source)?)
+        // A sweep has no use for what it departs from, and counting patches for that takes as long as for a value.
+        Ok(match &self.sweep {
+            Some(sweep) => Baking::Sweep(sweep, sweep.check(&self.quality, source)?),
+            None => Baking::One(self.quality.checked(source)?),
+        })
     }
 
     /// Files that will be written.
@@ -122,6 +123,12 @@ impl AccuracyArguments {
         }
         all
     }
+}
+
+/// The parameters of a world, or of one for each value of a sweep.
+enum Baking<'a> {
+    One(BakeParameters),
+    Sweep(&'a Sweep, Vec<BakeParameters>),
 }
 
 /// Most random points.
@@ -180,16 +187,19 @@ pub(crate) fn run(arguments: &AccuracyArguments, json: bool) -> anyhow::Result<(
     )?;
     scene_source::warn_if_dark(&source);
     // What makes all other work vain is found out first.
-    let parameters = arguments.parameters(&source)?;
+    let baking = arguments.baking(&source)?;
     let referencing = Instant::now();
     let reference = points::reference(arguments, &source, json)?;
     let reference_seconds = referencing.elapsed().as_secs_f64();
     if let Some(path) = &arguments.write_reference {
         csv::write(path, &reference)?;
     }
-    if let Some(sweep) = &arguments.sweep {
-        return sweep::run(sweep, arguments, &source, &reference, json, started);
-    }
+    let parameters = match baking {
+        Baking::One(parameters) => parameters,
+        Baking::Sweep(sweep, steps) => {
+            return sweep::run(sweep, &steps, arguments, &source, &reference, json, started);
+        }
+    };
     if arguments.seeds > 1 {
         return seeds::run(arguments.seeds, arguments, &source, &reference, json, started);
     }

@@ -9,6 +9,7 @@ use anyhow::Context as _;
 use earthshine_bake::BakeError;
 use earthshine_render::chart::{self, Axis, Chart, Scale, Series};
 use earthshine_render::csv::ReferencePoint;
+use earthshine_tiles::BakeParameters;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -57,14 +58,16 @@ impl std::str::FromStr for Sweep {
 }
 
 impl Sweep {
-    /// Refuses values that cannot be baked: before the first is.
+    /// The parameters of each value. Refuses values that cannot be baked: before the first is.
     ///
     /// # Errors
     /// The first that cannot be.
-    pub(super) fn check(&self, quality: &QualityArguments, source: &SceneSource) -> Result<(), BakeError> {
-        self.values
-            .iter()
-            .try_for_each(|&value| self.varied.applied(quality, value).checked(source).map(drop))
+    pub(super) fn check(
+        &self,
+        quality: &QualityArguments,
+        source: &SceneSource,
+    ) -> Result<Vec<BakeParameters>, BakeError> {
+        self.values.iter().map(|&value| self.varied.applied(quality, value).checked(source)).collect()
     }
 }
 
@@ -103,19 +106,19 @@ struct SweepFigures {
     files: [PathBuf; 3],
 }
 
-/// Measures, writes and prints.
+/// Measures worlds of `parameters`, which [`Sweep::check`] made of `sweep`; writes and prints.
 pub(super) fn run(
     sweep: &Sweep,
+    parameters: &[BakeParameters],
     arguments: &AccuracyArguments,
     source: &SceneSource,
     reference: &[ReferencePoint],
     json: bool,
     started: Instant,
 ) -> anyhow::Result<()> {
-    let mut steps = Vec::with_capacity(sweep.values.len());
-    for &value in &sweep.values {
-        let quality = sweep.varied.applied(&arguments.quality, value);
-        let measured = measured::baked_for(&arguments.solving, source, quality.parameters(source), json)?;
+    let mut steps = Vec::with_capacity(parameters.len());
+    for &parameters in parameters {
+        let measured = measured::baked_for(&arguments.solving, source, parameters, json)?;
         let (_, figures) = compared(&measured, reference, 0.0)?;
         steps.push(figures);
     }
