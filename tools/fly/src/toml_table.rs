@@ -59,7 +59,7 @@ impl<'a> TomlTable<'a> {
     pub(crate) fn read_array<const N: usize>(&mut self, key: &'static str) -> Result<[f32; N], String> {
         let numbers: Vec<f32> = self.read(key)?;
         let found = numbers.len();
-        numbers.try_into().map_err(|_| self.fault(key, &format!("has {found} numbers, not {N}")))
+        numbers.try_into().map_err(|_numbers| self.fault(key, &format!("has {found} numbers, not {N}")))
     }
 
     /// What [`Self::read`] reads, or `default` where nothing stands there.
